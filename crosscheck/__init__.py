@@ -1,0 +1,1 @@
+"""Engines side by side with certified truth: trajectories, adapters, comparison, commands."""

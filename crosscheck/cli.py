@@ -1,0 +1,159 @@
+"""The command line: run, models, scenes, engines."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ..models import SceneError, load_scene, scene_names, write_models
+from ..reports import OutputError, print_verdict, require_free, write_files, write_run
+from . import engine as engines_
+from .compare import Failure
+from .engine import DynamicsResult, UnknownEngine
+from .run import require_determinate
+from .run import run as run_scene
+from .trajectory import TrajectoryError, from_file, from_scene
+
+UNUSABLE, INTERNAL = 2, 4
+
+SAMPLES = 201
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Check the closed-form dynamics of a Stewart platform against MuJoCo, Pinocchio, DART and certified truth.",
+)
+
+Scene = Annotated[str, typer.Argument(help="A built-in scene (see `crosscheck scenes`) or the path of a TOML file.")]
+
+
+def _console(stderr: bool = False) -> Console:
+    """Terminal output; a pipe gets lines of a width that tables fit."""
+    console = Console(stderr=stderr)
+    return console if console.is_terminal else Console(stderr=stderr, width=140)
+
+
+@app.command(epilog="Example: crosscheck run hexapod --engine mujoco --engine pinocchio --samples 51 --out results")
+def run(
+    scene: Scene = "hexapod",
+    engine: Annotated[
+        list[str] | None, typer.Option(help="Engine to run; may be repeated. Default: all. The reference always runs.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="CSV file of platform poses, or poses with twists and accelerations.")
+    ] = None,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help=f"Samples of the scene's own motion. Default: {SAMPLES}.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")] = None,
+) -> int:
+    """Compare engines on one scene along one trajectory.
+
+    Writes agreement.csv, samples.csv and run.json. Exit status: 0 all agree, 1 a disagreement, 2 unusable input,
+    3 an engine failed to run, 4 an internal error.
+    """
+    if trajectory is not None and samples is not None:
+        raise typer.BadParameter(
+            "--samples: got it together with --trajectory, expected one of them: a file has its own rows"
+        )
+    if out is not None:
+        require_free(out)
+    loaded = load_scene(scene)
+    require_determinate(loaded)
+    motion = from_file(loaded, trajectory) if trajectory else from_scene(loaded, samples or SAMPLES)
+    progress = _console(stderr=True)
+    with progress.status(f"{loaded.name}: {len(motion.t)} samples"):
+
+        def done(name: str, result: DynamicsResult | Failure) -> None:
+            outcome = f"failed: {result.reason}" if isinstance(result, Failure) else f"done in {result.seconds:.2f} s"
+            progress.print(f"{name} {outcome}", highlight=False, markup=False, soft_wrap=True)
+
+        report = run_scene(loaded, motion, engine or (), done)
+        folder = out or Path("runs") / report.info["run_id"]
+        write_run(folder, report.agreement, report.samples(), report.info)
+
+    console = _console()
+    facts, truth = report.info["trajectory"], report.info["truth"]
+    console.print(
+        f"{loaded.name}: {len(loaded.bodies)} moving bodies, nv = {loaded.nv} = {loaded.na} + {loaded.nc};"
+        f" {motion.source}, {facts['samples']} samples, condition up to {facts['max_condition']:.3g},"
+        f" sin q_n down to {facts['min_sin_q_n']:.3g}",
+        highlight=False,
+        markup=False,
+    )
+    if truth["samples"] < truth["of"]:
+        console.print(
+            f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst conditioned"
+            " among them; errors are taken there",
+            highlight=False,
+        )
+    print_verdict(report.agreement, console)
+    console.print(f"results: {folder}", highlight=False, markup=False, soft_wrap=True)
+    return report.status
+
+
+@app.command(epilog="Example: crosscheck models hexapod --out my_models")
+def models(
+    scene: Scene,
+    out: Annotated[Path, typer.Option(help="Folder for NAME.xml, NAME.urdf and NAME.loops.json.")],
+) -> int:
+    """Write the MJCF, the URDF and the loop list of a scene."""
+    loaded = load_scene(scene)
+    files = write_models(loaded)
+    write_files(out, files)
+    for name in files:
+        _console().print(str(out / name), highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+@app.command(epilog="Example: crosscheck scenes")
+def scenes() -> int:
+    """List the built-in scenes."""
+    table = Table("scene", "bodies", "nv = na + nc", "quantities")
+    for name in scene_names():
+        s = load_scene(name)
+        table.add_row(name, str(len(s.bodies)), f"{s.nv} = {s.na} + {s.nc}", ", ".join(s.quantities))
+    _console().print(table)
+    return 0
+
+
+@app.command(epilog="Example: crosscheck engines")
+def engines() -> int:
+    """List the engines, their routes and installed versions."""
+    table = Table("engine", "route", "package", "version")
+    for name in engines_.engine_names():
+        e = engines_.load_engine(name)
+        table.add_row(name, e.route, e.package, engines_.engine_version(e) or "[red]missing[/]")
+    _console().print(table)
+    return 0
+
+
+def _say(message: str) -> None:
+    print(f"crosscheck: {message}", file=sys.stderr)
+
+
+def main() -> None:
+    """Entry point: runs a command and turns errors into exit statuses."""
+    try:
+        status = app(args=sys.argv[1:] or ["--help"], standalone_mode=False)
+    except (SceneError, TrajectoryError, UnknownEngine, OutputError) as e:
+        _say(str(e))
+        status = UNUSABLE
+    except typer.TyperException as e:
+        _say(f"{e.format_message()} (see --help)")
+        status = UNUSABLE
+    except Exception:
+        _say("internal error, please report it with the lines below")
+        Console(stderr=True).print_exception()
+        status = INTERNAL
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,210 @@
+"""Comparison of every engine with the certified truth: one row per engine, route and quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ..models.scene import Scene
+from .balance import balance
+from .engine import LOOPS, REFERENCE, DynamicsResult, Engine, quantity
+from .tolerance import CLOSURE, RADIUS, Tolerance, round_off
+from .trajectory import Trajectory
+
+PASS, FAIL, ERROR = "pass", "fail", "error"
+
+UNITS = {"F": "N", "M": "N m", "loop_pos": "m", "loop_vel": "m/s", "loop_acc": "m/s^2", "balance": "N"}
+
+BLOCK = 2000
+"""Trajectory rows per block of the samples table."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An engine that did not run, and why."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What errors are divided by: the run's largest reaction force [N], longest leg [m], tip speed and acceleration."""
+
+    force: float
+    length: float
+    speed: float
+    acceleration: float
+
+    def of(self, name: str) -> float:
+        """Scale of a quantity, in its unit."""
+        special = {"balance": self.force, **dict(zip(LOOPS, (self.length, self.speed, self.acceleration), strict=True))}
+        return special.get(name, self.force * (self.length if name.startswith("M") else 1.0))
+
+
+def unit(name: str) -> str:
+    """Unit of a quantity."""
+    return UNITS.get(name) or UNITS[name[0]]
+
+
+def scales(scene: Scene, trajectory: Trajectory, truth: DynamicsResult) -> Scales:
+    """Scales of a run, forces from the truth.
+
+    Speeds and accelerations get one leg length per second (squared) on top, so that a motion at rest has a scale too;
+    a run without any force gets 1 N.
+    """
+    reactions = [quantity(scene, n, truth.F, truth.reactions) for n in scene.quantities if n.startswith("F_")]
+    force = max(float(np.linalg.norm(x, axis=2).max()) for x in reactions) or 1.0
+    length = float(truth.L.max())
+    r = np.einsum("tij,nj->tni", trajectory.rotation, np.array(scene.platform.pins))
+    w, dw = (x[:, None] for x in (trajectory.angular_velocity, trajectory.angular_acceleration))
+    V = trajectory.velocity[:, None] + np.cross(w, r)
+    A = trajectory.acceleration[:, None] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
+    return Scales(
+        force,
+        length,
+        float(np.linalg.norm(V, axis=2).max()) + length,
+        float(np.linalg.norm(A, axis=2).max()) + length,
+    )
+
+
+def expected(scene: Scene, engine: type[Engine]) -> tuple[str, ...]:
+    """Quantities that an engine must deliver for a scene."""
+    return (*scene.quantities, *engine.checks)
+
+
+def _errors(
+    scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str, length: float
+) -> tuple[np.ndarray, list[str]]:
+    """Error of one quantity (nt, columns), and what the columns are: legs or bodies."""
+    legs = [f"leg {i}" for i in scene.legs]
+    if name == "balance":
+        residual = balance(scene, trajectory, result.reactions, length)
+        return np.stack(list(residual.values()), axis=1), list(residual)
+    if name in LOOPS:
+        return np.linalg.norm(result.loops[name], axis=2), legs
+    if result.radius:
+        return np.linalg.norm(quantity(scene, name, result.radius["F"], result.radius["reactions"]), axis=2), legs
+    want = quantity(scene, name, truth.F, truth.reactions)
+    got = quantity(scene, name, result.F, result.reactions)[truth.samples]
+    return np.linalg.norm(got - want, axis=2), legs
+
+
+def _judge(errors: np.ndarray, where: Sequence[str], t: np.ndarray, scale: float, tolerance: Tolerance) -> dict:
+    """One row's numbers and verdict. A NaN never passes."""
+    max_abs = float(np.max(errors))  # NaN if any is
+    sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors)), errors.shape))
+    return {
+        "max_abs": max_abs,
+        "rms": float(np.sqrt(np.mean(errors**2))),
+        "max_rel": max_abs / scale,
+        "scale": scale,
+        "tolerance": tolerance.value,
+        "tolerance_name": tolerance.name,
+        "verdict": PASS if max_abs / scale <= tolerance.value else FAIL,
+        "where": f"{where[column]}, t = {t[sample]:.6g} s",
+    }
+
+
+def agreement(
+    run_id: str,
+    scene: Scene,
+    trajectory: Trajectory,
+    engines: Mapping[str, type[Engine] | Failure],
+    results: Mapping[str, DynamicsResult | Failure],
+) -> pd.DataFrame:
+    """Every expected row, whether its engine ran or not; `where` and `reason` stand beside the published columns."""
+    truth = results[REFERENCE]
+    rows: list[dict] = []
+    size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None
+    hard = round_off(trajectory.condition, trajectory.sin_q_n)
+    for name, engine in engines.items():
+        result = results[name]
+        known = None if isinstance(engine, Failure) else engine
+        for q in expected(scene, known) if known else scene.quantities:
+            row = {
+                "run_id": run_id,
+                "scene": scene.name,
+                "trajectory": trajectory.source,
+                "engine": name,
+                "engine_version": result.version if isinstance(result, DynamicsResult) else "",
+                "route": known.route if known else "",
+                "setting": result.setting if isinstance(result, DynamicsResult) else "",
+                "quantity": q,
+                "unit": unit(q),
+            }
+            row |= dict.fromkeys(("max_abs", "rms", "max_rel", "scale", "tolerance", "us_per_sample"), np.nan)
+            row |= {"tolerance_name": "", "verdict": ERROR, "where": "", "reason": ""}
+            if isinstance(result, Failure):
+                row["reason"] = result.reason
+            elif not isinstance(truth, DynamicsResult) or size is None:
+                row["reason"] = "no certified truth to compare with"
+            else:
+                tolerance = RADIUS if result.radius else CLOSURE if q in LOOPS else hard
+                t = trajectory.t if q in (*LOOPS, "balance") else trajectory.t[truth.samples]
+                errors, where = _errors(scene, trajectory, result, truth, q, size.length)
+                row |= _judge(errors, where, t, size.of(q), tolerance)
+                row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def samples(
+    scene: Scene, trajectory: Trajectory, results: Mapping[str, DynamicsResult | Failure]
+) -> Iterator[pd.DataFrame]:
+    """Every number of every engine in long form, one row per component, in blocks."""
+    for name, result in results.items():
+        if isinstance(result, Failure):
+            continue
+        for start in range(0, len(result.samples), BLOCK):
+            block = slice(start, start + BLOCK)
+            yield _long_form(scene, trajectory.t[result.samples[block]], name, result, block)
+
+
+def _long_form(scene: Scene, t: np.ndarray, name: str, result: DynamicsResult, block: slice) -> pd.DataFrame:
+    columns: list[tuple[str, str]] = []
+    values, radii = [], []
+    for q in scene.quantities:
+        x = quantity(scene, q, result.F[block], result.reactions[block])
+        unknown = np.full_like(x, np.nan)
+        r = (
+            quantity(scene, q, result.radius["F"][block], result.radius["reactions"][block])
+            if result.radius
+            else unknown
+        )
+        for k, component in enumerate("xyz" if x.shape[2] == 3 else "-"):
+            columns.append((q, component))
+            values.append(x[..., k])
+            radii.append(r[..., k])
+    for q, x in (("L", result.L[block]), ("dL", result.dL[block]), ("power", result.F[block] * result.dL[block])):
+        columns.append((q, "-"))
+        values.append(x)
+        radii.append(_radius_beside(q, result, block, x))
+    nt, n = len(t), len(columns)
+    shape = (nt, scene.N, n)
+    quantity_, component_ = (np.broadcast_to(np.array(c), shape).ravel() for c in zip(*columns, strict=True))
+    return pd.DataFrame(
+        {
+            "engine": name,
+            "route": result.route,
+            "t": np.broadcast_to(t[:, None, None], shape).ravel(),
+            "leg": np.broadcast_to(np.array(scene.legs)[None, :, None], shape).ravel(),
+            "quantity": quantity_,
+            "component": component_,
+            "value": np.stack(values, axis=2).ravel(),
+            "radius": np.stack(radii, axis=2).ravel(),
+        }
+    )
+
+
+def _radius_beside(name: str, result: DynamicsResult, block: slice, x: np.ndarray) -> np.ndarray:
+    """Radius of L, dL and of the power F dL (a product of two balls, and its rounding)."""
+    if not result.radius:
+        return np.full_like(x, np.nan)
+    if name != "power":
+        return result.radius[name][block]
+    F, dL = result.F[block], result.dL[block]
+    r_F, r_dL = result.radius["F"][block], result.radius["dL"][block]
+    return (np.abs(F) * r_dL + np.abs(dL) * r_F + r_F * r_dL + np.abs(x) * np.finfo(float).eps) * (1 + 1e-12)

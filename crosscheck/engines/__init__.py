@@ -1,0 +1,1 @@
+"""One adapter per file: `NAME_.py` with a class `ENGINE` is the engine NAME."""

@@ -1,0 +1,128 @@
+"""Pinocchio from the URDF and the loop list: `rnea`, frame Jacobians, and `rnea` again with the loop forces."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...models import write_models
+from ...models.scene import Scene
+from .. import wrench
+from ..engine import EngineError
+from ..kkt import KktEngine, State, Terms
+from ..trajectory import Trajectory
+
+
+class PinocchioEngine(KktEngine):
+    """The tree of the URDF, closed by the points of the loop list."""
+
+    name: ClassVar[str] = "pinocchio"
+    package: ClassVar[str] = "pin"
+    setting: ClassVar[str] = "rnea"
+
+    def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
+        import pinocchio as pin
+
+        self.pin: Any = pin
+        self.scene = scene
+        models = models or write_models(scene)
+        closures = json.loads(models[f"{scene.name}.loops.json"])
+        self.model = pin.buildModelFromXML(models[f"{scene.name}.urdf"])
+        self.model.gravity.linear = np.array(closures["gravity"])
+        self.require_nv(self.model.nv)
+        self.loops = [
+            tuple(self._add_frame(loop["name"], loop[end]) for end in ("child", "parent")) for loop in closures["loops"]
+        ]
+        self.platform = self.model.getJointId("platform")
+        self.data = self.model.createData()
+
+    def _add_frame(self, loop: str, end: Mapping[str, Any]) -> int:
+        """One end of a loop: a point of a link, with the axes of its joint."""
+        pin, model = self.pin, self.model
+        if not model.existFrame(end["link"], pin.FrameType.BODY):
+            raise EngineError(f"{self.name}: the URDF has no link {end['link']!r} that the loop list names")
+        link = model.frames[model.getFrameId(end["link"], pin.FrameType.BODY)]
+        placement = link.placement * pin.SE3(np.eye(3), np.array(end["point"]))
+        return model.addFrame(
+            pin.Frame(f"{loop}.{end['link']}", link.parentJoint, placement, pin.FrameType.OP_FRAME), False
+        )
+
+    def velocity_index(self, coordinate: str) -> int:
+        """Index of a joint coordinate in v."""
+        return self.model.joints[self.model.getJointId(coordinate)].idx_v
+
+    def state(self, trajectory: Trajectory) -> State:
+        """Quaternion scalar last; a free flyer's twist and acceleration are spatial, in body axes."""
+        m = self.model
+        nt = len(trajectory.t)
+        q, v, a = np.zeros((nt, m.nq)), np.zeros((nt, m.nv)), np.zeros((nt, m.nv))
+        for name in self.scene.coordinates:
+            i, j = m.joints[m.getJointId(name)].idx_q, self.velocity_index(name)
+            q[:, i], v[:, j], a[:, j] = trajectory.q[name], trajectory.v[name], trajectory.a[name]
+        i, j = m.joints[self.platform].idx_q, self.velocity_index("platform")
+        spatial = trajectory.acceleration - np.cross(trajectory.angular_velocity, trajectory.velocity)
+        q[:, i : i + 3], q[:, i + 3 : i + 7] = trajectory.position, trajectory.unit_quaternion[:, [1, 2, 3, 0]]
+        v[:, j : j + 3], v[:, j + 3 : j + 6] = (
+            trajectory.in_body(x) for x in (trajectory.velocity, trajectory.angular_velocity)
+        )
+        a[:, j : j + 3], a[:, j + 3 : j + 6] = (
+            trajectory.in_body(x) for x in (spatial, trajectory.angular_acceleration)
+        )
+        return State(q, v, a)
+
+    def terms(self, state: State) -> Terms:
+        """``rnea`` under the load, frame Jacobians and classical accelerations of the loop points."""
+        pin, m, d, scene = self.pin, self.model, self.data, self.scene
+        out = Terms.empty(len(state.q), m.nv, scene.N)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        hulls = [m.getJointId(f"o{i}") for i in scene.legs]
+        for k, (q, v, a) in enumerate(zip(*state, strict=True)):
+            pin.computeJointJacobians(m, d, q)
+            pin.forwardKinematics(m, d, q, v, a)
+            pin.updateFramePlacements(m, d)
+            for i, ends in enumerate(self.loops):
+                tip, pinned = (d.oMf[f].translation for f in ends)
+                J_tip, J_pin = (pin.getFrameJacobian(m, d, f, world)[:3] for f in ends)
+                a_tip, a_pin = (pin.getFrameClassicalAcceleration(m, d, f, world).linear for f in ends)
+                out.J[k, 3 * i : 3 * i + 3] = J_tip - J_pin
+                out.gap[k, i], out.gap_acceleration[k, i] = tip - pinned, a_tip - a_pin
+                axis = tip - d.oMi[hulls[i]].translation
+                out.L[k, i] = np.linalg.norm(axis)
+                out.dL[k, i] = axis @ (J_tip @ v) / out.L[k, i]
+            out.tau[k] = pin.rnea(m, d, q, v, a, self._outside(np.zeros((scene.N, 3))))
+        return out
+
+    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
+        """``data.f`` of every leg joint, with load and loop forces as outside forces."""
+        pin, m, d = self.pin, self.model, self.data
+        index = [m.getJointId(j.coordinates[-1]) for j in self.scene.joints if not j.cut]
+        force, R = np.empty((len(state.q), len(index), 6)), np.empty((len(state.q), len(index), 3, 3))
+        for k, (q, v, a) in enumerate(zip(*state, strict=True)):
+            pin.forwardKinematics(m, d, q)
+            pin.rnea(m, d, q, v, a, self._outside(multipliers[k]))
+            for n, j in enumerate(index):
+                force[k, n], R[k, n] = d.f[j].vector, d.oMi[j].rotation
+        return wrench.from_pinocchio(force, R)
+
+    def _outside(self, multipliers: np.ndarray) -> Any:
+        """Load and loop forces (N, 3) per joint, in joint axes about its origin. Joint placements must be current."""
+        pin, m, d, load = self.pin, self.model, self.data, self.scene.load
+        outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
+
+        def push(joint: int, point: np.ndarray, force_W: np.ndarray, moment_W: np.ndarray) -> None:
+            R_JW = d.oMi[joint].rotation.T
+            force, moment = R_JW @ force_W, R_JW @ moment_W
+            outside[joint] += pin.Force(force, moment + np.cross(point, force))
+
+        if load:
+            push(self.platform, np.array(load.point), np.array(load.force), np.array(load.moment))
+        for ends, force_W in zip(self.loops, multipliers, strict=True):
+            for f, sign in zip(ends, (1.0, -1.0), strict=True):
+                push(m.frames[f].parentJoint, m.frames[f].placement.translation, sign * force_W, np.zeros(3))
+        return outside
+
+
+ENGINE = PinocchioEngine

@@ -1,0 +1,152 @@
+"""The route `kkt`: an engine assembles its tree and its loops, one solve gives driving forces and loop multipliers.
+
+The engine's own model file, mass matrix, bias, Jacobians and recursive Newton-Euler; ours is the linear solve alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from time import perf_counter
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ..models.scene import Scene
+from . import wrench
+from .engine import LOOPS, DynamicsResult, EngineError, engine_version, require_finite
+from .trajectory import Trajectory
+
+
+class State(NamedTuple):
+    """Generalized coordinates, velocities and accelerations in an engine's own order: (nt, nq), (nt, nv), (nt, nv)."""
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+class Terms(NamedTuple):
+    """What an engine assembles for every sample.
+
+    ``tau`` (nt, nv): M a + h less the load, N or N m.  ``J`` (nt, nc, nv): loop Jacobian, rows (rod's tip) -
+    (platform's pin), world axes.  ``gap, gap_acceleration`` (nt, N, 3): the same difference of positions and of
+    accelerations.
+    ``L, dL`` (nt, N): leg lengths and rates from the engine's positions and velocities.
+    """
+
+    tau: np.ndarray
+    J: np.ndarray
+    gap: np.ndarray
+    gap_acceleration: np.ndarray
+    L: np.ndarray
+    dL: np.ndarray
+
+    @classmethod
+    def empty(cls, nt: int, nv: int, N: int) -> Terms:
+        """Arrays to fill."""
+        shapes = ((nt, nv), (nt, 3 * N, nv), (nt, N, 3), (nt, N, 3), (nt, N), (nt, N))
+        return cls(*(np.empty(shape) for shape in shapes))
+
+
+class KktEngine(ABC):
+    """An engine of the route `kkt`; a subclass loads its model and says what its engine assembles."""
+
+    name: ClassVar[str]
+    package: ClassVar[str]
+    setting: ClassVar[str]
+    route: ClassVar[str] = "kkt"
+    checks: ClassVar[tuple[str, ...]] = (*LOOPS, "balance")
+
+    scene: Scene
+
+    @abstractmethod
+    def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
+        """Load the model file; raise EngineError if it is not the scene's mechanism."""
+
+    @abstractmethod
+    def velocity_index(self, coordinate: str) -> int:
+        """Index of a joint coordinate among the velocities."""
+
+    @abstractmethod
+    def state(self, trajectory: Trajectory) -> State:
+        """State of every sample in the engine's conventions."""
+
+    @abstractmethod
+    def terms(self, state: State) -> Terms:
+        """Assemble every sample."""
+
+    @abstractmethod
+    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
+        """Wrenches (nt, tree joints, 6) of `scene.joints` that are not cut, given the loop forces (nt, N, 3)."""
+
+    def require_nv(self, nv: int) -> None:
+        """Raise EngineError unless the model has as many velocities as the scene."""
+        if nv != self.scene.nv:
+            raise EngineError(f"{self.name}: the model has nv = {nv}, the scene {self.scene.nv}")
+
+    def inverse_dynamics(self, trajectory: Trajectory) -> DynamicsResult:
+        """Driving forces, joint reactions and loop residuals. Raises EngineError, never returns half an answer."""
+        start = perf_counter()
+        scene = self.scene
+        state = self.state(trajectory)
+        terms = self.terms(state)
+        actuated = [self.velocity_index(c) for j in scene.joints if j.actuated for c in j.coordinates]
+        F, multipliers = solve(self.name, terms.tau, terms.J, actuated)
+        cut = np.array([j.cut for j in scene.joints])
+        reactions = np.empty((len(F), len(cut), 6))
+        reactions[:, ~cut] = self.reactions(state, multipliers)
+        reactions[:, cut] = wrench.of_loop(multipliers)
+        gap_velocity = np.einsum("tij,tj->ti", terms.J, state.v).reshape(terms.gap.shape)
+        loops: dict[str, np.ndarray] = {}
+        loops.update(zip(LOOPS, (terms.gap, gap_velocity, terms.gap_acceleration), strict=True))
+        require_finite(self.name, reactions=reactions, L=terms.L, dL=terms.dL, **loops)
+        return DynamicsResult(
+            engine=self.name,
+            version=engine_version(type(self)) or "",
+            route=self.route,
+            setting=self.setting,
+            samples=np.arange(len(F)),
+            F=F,
+            reactions=reactions,
+            L=terms.L,
+            dL=terms.dL,
+            loops=loops,
+            seconds=perf_counter() - start,
+        )
+
+
+def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Solve [S J^T] [F; lambda] = tau for every sample.
+
+    Parameters
+    ----------
+    engine : name, for errors.
+    tau, J : ndarray, shapes (nt, nv), (nt, nc, nv)
+        As in `Terms`.
+    actuated : velocity index of each actuated joint.
+
+    Returns
+    -------
+    F : ndarray, shape (nt, na)
+    multipliers : ndarray, shape (nt, nc // 3, 3)
+
+    Raises
+    ------
+    EngineError
+        nv is not na + nc, a term is not finite, or the matrix is singular.
+    """
+    nt, nc, nv = J.shape
+    na = len(actuated)
+    if nv != na + nc:
+        raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
+    require_finite(engine, tau=tau, J=J)
+    K = np.zeros((nt, nv, nv))
+    K[:, actuated, range(na)] = 1.0
+    K[:, :, na:] = J.transpose(0, 2, 1)
+    try:
+        x = np.linalg.solve(K, tau[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        raise EngineError(f"{engine}: the {nv} x {nv} matrix of actuators and loops is singular") from None
+    require_finite(engine, forces=x)
+    return x[:, :na], x[:, na:].reshape(nt, nc // 3, 3)

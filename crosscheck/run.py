@@ -1,0 +1,150 @@
+"""One run: engines on one scene along one trajectory, compared with the certified truth."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import secrets
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from time import perf_counter
+
+import numpy as np
+import pandas as pd
+
+from ..models import write_models
+from ..models.scene import Scene, SceneError
+from . import compare
+from .compare import ERROR, FAIL, Failure
+from .engine import REFERENCE, DynamicsResult, Engine, UnknownEngine, engine_names, engine_version, load_engine
+from .runner import run_engines
+from .trajectory import Trajectory
+
+AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
+"""Exit statuses of a comparison."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a run found: the agreement table, the engines' results, and what goes into run.json."""
+
+    scene: Scene
+    trajectory: Trajectory
+    agreement: pd.DataFrame
+    results: dict[str, DynamicsResult | Failure]
+    info: dict
+
+    @property
+    def status(self) -> int:
+        """0 all agree, 1 a disagreement, 3 an engine failed to run and the others agree."""
+        verdicts = set(self.agreement["verdict"])
+        return DISAGREE if FAIL in verdicts else ENGINE_FAILED if ERROR in verdicts else AGREE
+
+    def samples(self) -> Iterator[pd.DataFrame]:
+        """Blocks of the table of every number."""
+        return compare.samples(self.scene, self.trajectory, self.results)
+
+
+def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
+    """Engines by name (all if none is named), the reference always among them and last. Raises UnknownEngine."""
+    unknown = [name for name in names if name not in engine_names()]
+    if unknown:
+        raise UnknownEngine(
+            f"--engine: got an unknown engine {unknown[0]!r}, expected one of {', '.join(engine_names())}"
+        )
+    chosen = [*dict.fromkeys(n for n in names or engine_names() if n != REFERENCE), REFERENCE]
+    engines: dict[str, type[Engine] | Failure] = {}
+    for name in chosen:
+        try:
+            engines[name] = load_engine(name)
+        except Exception as e:  # a plug-in that cannot even be imported is that engine's failure
+            engines[name] = Failure(f"{type(e).__name__}: {e}")
+    return engines
+
+
+def require_determinate(scene: Scene) -> None:
+    """Raise SceneError unless the tree's velocities are the actuators plus the closure equations."""
+    if scene.nv != scene.na + scene.nc:
+        kind = "under" if scene.N > 6 else "over"
+        raise SceneError(
+            f"{scene.source}: hull.pins: got {scene.N} legs, expected 6:"
+            f" nv = {scene.nv}, na + nc = {scene.na} + {scene.nc};"
+            f" (7), (8) are six equations for {scene.N} driving forces, which are {kind}determined"
+        )
+
+
+def run(
+    scene: Scene,
+    trajectory: Trajectory,
+    engines: Sequence[str] = (),
+    done: Callable[[str, DynamicsResult | Failure], None] = lambda name, result: None,
+) -> Report:
+    """Compare engines with the certified truth.
+
+    Parameters
+    ----------
+    scene, trajectory
+        From `load_scene`, and `from_scene` or `from_file`.
+    engines : names; none means all. The reference always runs.
+    done : called with name and result as each engine ends.
+
+    Raises
+    ------
+    UnknownEngine, SceneError
+        Unusable input. An engine's own failure is no exception: it becomes `error` rows.
+    """
+    chosen = choose_engines(engines)
+    require_determinate(scene)
+    started, start = datetime.now(UTC), perf_counter()
+    run_id = f"{started:%Y%m%dT%H%M%SZ}-{scene.name}-{secrets.token_hex(2)}"
+    able = [name for name, engine in chosen.items() if not isinstance(engine, Failure)]
+    found = run_engines(able, scene, write_models(scene), trajectory, done)
+    results = {name: engine if isinstance(engine, Failure) else found[name] for name, engine in chosen.items()}
+    table = compare.agreement(run_id, scene, trajectory, chosen, results)
+    info = {
+        "run_id": run_id,
+        "started": started.isoformat(),
+        "seconds": perf_counter() - start,
+        "command": sys.argv,
+        "versions": _versions(chosen),
+        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "scene": {"name": scene.name, "sha256": _sha256(scene.model_dump_json(by_alias=True).encode())},
+        "trajectory": {
+            "source": trajectory.source,
+            "samples": len(trajectory.t),
+            "sha256": _sha256(trajectory.t.tobytes(), *(np.ascontiguousarray(x).tobytes() for x in trajectory.motion)),
+            "max_condition": float(trajectory.condition.max()),
+            "min_sin_q_n": float(trajectory.sin_q_n.min()),
+        },
+        "truth": _truth(results[REFERENCE], len(trajectory.t)),
+        "failed": {name: r.reason for name, r in results.items() if isinstance(r, Failure)},
+    }
+    report = Report(scene, trajectory, table, results, info)
+    info["status"] = report.status
+    return report
+
+
+def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
+    from .engines.reference_ import SEED
+
+    if isinstance(result, Failure):
+        return {"samples": 0, "of": nt}
+    return {"samples": len(result.samples), "of": nt, "seed": SEED}
+
+
+def _versions(engines: dict[str, type[Engine] | Failure]) -> dict[str, str | None]:
+    packages = ("stewart-crosscheck", "numpy", "scipy", "pandas")
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    found |= {name: version(name) for name in packages}
+    return found | {e.package: engine_version(e) for e in engines.values() if not isinstance(e, Failure)}
+
+
+def _sha256(*parts: bytes) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()

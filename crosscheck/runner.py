@@ -1,0 +1,96 @@
+"""Engines side by side, each in a process of its own with a time limit: one that crashes stops nobody else."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, as_completed
+from pathlib import Path
+
+from pebble import ProcessExpired, ProcessPool
+
+from ..models.scene import Scene
+from .compare import Failure
+from .engine import DynamicsResult, EngineError, load_engine
+from .trajectory import Trajectory
+
+SECONDS, SECONDS_PER_SAMPLE = 60.0, 0.05
+"""Time limit of one engine: some hundred times what the slowest needs here."""
+
+
+@contextlib.contextmanager
+def _output_to(path: str) -> Iterator[None]:
+    """Send what C++ libraries print to a file, for the report of a failure."""
+    with open(path, "wb") as log:
+        for descriptor in (1, 2):
+            os.dup2(log.fileno(), descriptor)
+        yield
+
+
+def _work(
+    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, log: str
+) -> DynamicsResult | Failure:
+    """Body of a worker process."""
+    with _output_to(log):
+        try:
+            return load_engine(name)(scene, models).inverse_dynamics(trajectory)
+        except ImportError as e:
+            return Failure(f"missing package: {e}")
+        except EngineError as e:
+            return Failure(str(e))
+        except Exception as e:  # whatever an engine's library raises is that engine's failure
+            return Failure(f"{type(e).__name__}: {e}")
+
+
+def _last_line(log: str) -> str:
+    try:
+        lines = Path(log).read_text(errors="replace").strip().splitlines()
+    except OSError:
+        return ""
+    return f"; it last printed: {lines[-1][:200]}" if lines else ""
+
+
+def _outcome(future: Future, log: str, limit: float) -> DynamicsResult | Failure:
+    try:
+        return future.result()
+    except TimeoutError:
+        return Failure(f"no answer within {limit:.0f} s")
+    except ProcessExpired as e:
+        return Failure(f"its process died with exit code {e.exitcode}{_last_line(log)}")
+    except Exception as e:  # a result that cannot be sent back
+        return Failure(f"{type(e).__name__}: {e}")
+
+
+def run_engines(
+    names: list[str],
+    scene: Scene,
+    models: Mapping[str, str],
+    trajectory: Trajectory,
+    done: Callable[[str, DynamicsResult | Failure], None] = lambda name, result: None,
+) -> dict[str, DynamicsResult | Failure]:
+    """Results by name, in the order of `names`; `done` is called as each engine ends."""
+    limit = SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)
+    results: dict[str, DynamicsResult | Failure] = {}
+    workers = min(len(names), os.cpu_count() or 1)
+    # A spawned process shares nothing with this one; max_tasks: one engine each.
+    with (
+        tempfile.TemporaryDirectory(prefix="crosscheck-") as folder,
+        ProcessPool(max_workers=workers, max_tasks=1, context=multiprocessing.get_context("spawn")) as pool,
+    ):
+        logs = {name: str(Path(folder) / name) for name in names}
+        futures: dict[Future, str] = {
+            pool.schedule(_work, args=(name, scene, models, trajectory, logs[name]), timeout=limit): name
+            for name in names
+        }
+        try:
+            for future in as_completed(futures):
+                name = futures[future]
+                results[name] = _outcome(future, logs[name], limit)
+                done(name, results[name])
+        except BaseException:
+            pool.stop()
+            raise
+    return {name: results[name] for name in names}

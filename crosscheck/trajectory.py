@@ -1,0 +1,340 @@
+"""Trajectories: a platform motion from a scene or a CSV file, and the consistent joint coordinates of every leg.
+
+A quaternion motion is carried as its 2-jet (q, q', q''), arrays (nt, 4), scalar first; then
+omega = 2 vec(q' q*) and alpha = 2 vec(q'' q*) in world axes.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from scipy.interpolate import make_interp_spline
+
+from .. import analytic
+from ..analytic import PlatformMotion, SingularPose
+from ..analytic.solve import require_regular, row_scaled
+from ..models.scene import Component, Scene
+
+Jet = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+POSE = ("t", "p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z")
+RATES = ("v_x", "v_y", "v_z", "w_x", "w_y", "w_z", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
+SPLINE_ROWS = 6
+"""Rows that a quintic spline needs."""
+
+
+class TrajectoryError(ValueError):
+    """A trajectory that cannot be used: the message names the file, the row or field, what was got and expected."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Samples of a consistent motion, SI units, world axes.
+
+    ``t`` (nt,), ``position, velocity, angular_velocity, acceleration, angular_acceleration`` (nt, 3) of the platform's
+    centre of mass, ``quaternion`` (nt, 4) of R_WP, scalar first, not necessarily of exact length 1; ``q, v, a``: per
+    joint coordinate name an array (nt,); ``condition`` (nt,): row-scaled condition of (7), (8); ``sin_q_n``: the
+    smallest sin q_n of each sample; ``source``: where the motion came from, for reports and errors.
+    """
+
+    t: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    acceleration: np.ndarray
+    angular_acceleration: np.ndarray
+    q: dict[str, np.ndarray]
+    v: dict[str, np.ndarray]
+    a: dict[str, np.ndarray]
+    condition: np.ndarray
+    sin_q_n: np.ndarray
+    source: str
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """R_WP, shape (nt, 3, 3)."""
+        return rotation(self.quaternion)
+
+    @property
+    def unit_quaternion(self) -> np.ndarray:
+        """Quaternion of length 1, shape (nt, 4)."""
+        return self.quaternion / np.linalg.norm(self.quaternion, axis=1, keepdims=True)
+
+    def in_body(self, v_W: np.ndarray) -> np.ndarray:
+        """Vectors (nt, 3) in the platform's axes."""
+        return np.einsum("tji,tj->ti", self.rotation, v_W)
+
+    @property
+    def motion(self) -> PlatformMotion:
+        """The platform's motion as the formulas take it."""
+        return PlatformMotion(
+            self.position,
+            self.rotation,
+            self.velocity,
+            self.angular_velocity,
+            self.acceleration,
+            self.angular_acceleration,
+        )
+
+
+def rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices (nt, 3, 3) of quaternions (nt, 4), scalar first, of any length but zero."""
+    w, x, y, z = quaternion.T
+    n = 2.0 / (w * w + x * x + y * y + z * z)
+    rows = [
+        [1 - n * (y * y + z * z), n * (x * y - w * z), n * (x * z + w * y)],
+        [n * (x * y + w * z), 1 - n * (x * x + z * z), n * (y * z - w * x)],
+        [n * (x * z - w * y), n * (y * z + w * x), 1 - n * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+# --- Quaternion jets --------------------------------------------------------------------------------------------------
+
+
+def _times(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Quaternion product, (nt, 4) each."""
+    scalar = p[:, :1] * q[:, :1] - np.sum(p[:, 1:] * q[:, 1:], axis=1, keepdims=True)
+    return np.hstack([scalar, p[:, :1] * q[:, 1:] + q[:, :1] * p[:, 1:] + np.cross(p[:, 1:], q[:, 1:])])
+
+
+def _product(p: Jet, q: Jet) -> Jet:
+    """Product rule for two quaternion jets."""
+    return (
+        _times(p[0], q[0]),
+        _times(p[1], q[0]) + _times(p[0], q[1]),
+        _times(p[2], q[0]) + 2.0 * _times(p[1], q[1]) + _times(p[0], q[2]),
+    )
+
+
+def _turn(axis: int, angle: Jet) -> Jet:
+    """Jet of a rotation by an angle about a coordinate axis."""
+    half, dhalf, ddhalf = (0.5 * x[:, None] for x in angle)
+    one, n = np.zeros(4), np.zeros(4)
+    one[0] = n[1 + axis] = 1.0
+    q = np.cos(half) * one + np.sin(half) * n
+    turned = np.cos(half) * n - np.sin(half) * one  # n q
+    return q, dhalf * turned, ddhalf * turned - dhalf**2 * q
+
+
+def _exponential(x: Jet) -> Jet:
+    """Jet of the rotation vector x (nt, 3): q = (cos |x|/2, sin(|x|/2)/|x| x), by its series near |x| = 0."""
+    m = np.sum(x[0] ** 2, axis=1, keepdims=True)  # |x|^2
+    dm = 2.0 * np.sum(x[0] * x[1], axis=1, keepdims=True)
+    ddm = 2.0 * np.sum(x[1] ** 2 + x[0] * x[2], axis=1, keepdims=True)
+    # C = cos(sqrt m / 2), S = sin(sqrt m / 2) / sqrt m and their derivatives in m: C' = -S/4, S' = (C/2 - S)/(2m).
+    small = m < 1e-2
+    safe = np.where(small, 1.0, m)
+    C, S = np.cos(np.sqrt(m) / 2), np.sin(np.sqrt(safe) / 2) / np.sqrt(safe)
+    dS = (C / 2 - S) / (2 * safe)
+    ddS = (-S / 8 - 3 * dS) / (2 * safe)
+    n = m / 4  # S = sum (-n)^k / (2 (2k+1)!)
+    S, dS, ddS = (
+        np.where(small, polyval(n, series) / (2 * 4**k), closed)
+        for k, (series, closed) in enumerate(zip(_SERIES, (S, dS, ddS), strict=True))
+    )
+    C1, C2 = -S / 4, -dS / 4
+    q = np.hstack([C, S * x[0]])
+    dq = np.hstack([C1 * dm, dS * dm * x[0] + S * x[1]])
+    ddq = np.hstack(
+        [
+            C2 * dm**2 + C1 * ddm,
+            (ddS * dm**2 + dS * ddm) * x[0] + 2.0 * dS * dm * x[1] + S * x[2],
+        ]
+    )
+    return q, dq, ddq
+
+
+def _sinc_series(order: int) -> list[float]:
+    """Coefficients in n of the order-th derivative of sum (-n)^k / (2k+1)!, enough for n < 1/400."""
+    terms = [(-1.0) ** k / float(np.prod(np.arange(1, 2 * k + 2, dtype=float))) for k in range(9)]
+    for _ in range(order):
+        terms = [k * c for k, c in enumerate(terms)][1:]
+    return terms
+
+
+_SERIES = [_sinc_series(order) for order in range(3)]
+
+
+def _normalised(u: Jet) -> Jet:
+    """Jet of u/|u| for a quaternion jet u."""
+    m = [np.sum(u[0] ** 2, axis=1, keepdims=True), 2.0 * np.sum(u[0] * u[1], axis=1, keepdims=True)]
+    m.append(2.0 * np.sum(u[1] ** 2 + u[0] * u[2], axis=1, keepdims=True))
+    f = m[0] ** -0.5
+    df = -0.5 * f / m[0] * m[1]
+    ddf = -0.5 * f / m[0] * m[2] + 0.75 * f / m[0] ** 2 * m[1] ** 2
+    return u[0] * f, u[1] * f + u[0] * df, u[2] * f + 2.0 * u[1] * df + u[0] * ddf
+
+
+def _angular(q: Jet) -> tuple[np.ndarray, np.ndarray]:
+    """Angular velocity and acceleration (nt, 3), world axes, of a jet of unit quaternions."""
+    conjugate = q[0] * np.array([1.0, -1.0, -1.0, -1.0])
+    return 2.0 * _times(q[1], conjugate)[:, 1:], 2.0 * _times(q[2], conjugate)[:, 1:]
+
+
+# --- Motions ----------------------------------------------------------------------------------------------------------
+
+
+def _sines(components: tuple[Component, Component, Component], t: np.ndarray) -> Jet:
+    """Three components c0 + sum A sin(omega t + phi) and their two derivatives, each (nt, 3)."""
+    x, dx, ddx = (np.zeros((len(t), 3)) for _ in range(3))
+    for j, component in enumerate(components):
+        x[:, j] = component.c0
+        for amplitude, omega, phase in component.terms:
+            angle = omega * t + phase
+            x[:, j] += amplitude * np.sin(angle)
+            dx[:, j] += amplitude * omega * np.cos(angle)
+            ddx[:, j] -= amplitude * omega**2 * np.sin(angle)
+    return x, dx, ddx
+
+
+def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row-scaled condition of (7), (8) (NaN unless N = 6) and smallest sin q_n of each pose, both (nt,).
+
+    From the geometry alone: tolerances hang on these numbers, and they must not come from the formulas under test.
+    """
+    r = np.einsum("tij,nj->tni", R, np.array(scene.platform.pins))
+    l = position[:, None] - np.array(scene.hull.pins) + r
+    L = np.linalg.norm(l, axis=2, keepdims=True)
+    sin_q_n = np.hypot(l[..., 0], l[..., 2]) / L[..., 0]
+    if scene.N != 6:
+        return np.full(len(l), np.nan), sin_q_n.min(axis=1)
+    y = l / L
+    _, condition, leg = row_scaled(np.concatenate([y, np.cross(r, y)], axis=2).transpose(0, 2, 1))
+    require_regular(condition, leg)
+    return condition, sin_q_n.min(axis=1)
+
+
+def _build(
+    scene: Scene, source: str, t: np.ndarray, p: Jet, q: np.ndarray, w: np.ndarray, dw: np.ndarray
+) -> Trajectory:
+    """Add the joint coordinates; refuse what has no inverse dynamics."""
+    motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
+    try:
+        k = analytic.inverse_kinematics(scene.parameters, motion)
+        condition, sin_q_n = conditioning(scene, p[0], motion.R)
+    except SingularPose as e:
+        raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: singular pose: {e}") from None
+
+    def by_name(o: np.ndarray, n: np.ndarray, s: np.ndarray) -> dict[str, np.ndarray]:
+        return {f"{c}{i}": x[:, i - 1] for i in scene.legs for c, x in (("o", o), ("n", n), ("s", s))}
+
+    return Trajectory(
+        t=t, position=p[0], quaternion=q, velocity=p[1], angular_velocity=w, acceleration=p[2],
+        angular_acceleration=dw,
+        q=by_name(k.q_o, k.q_n, k.q_s), v=by_name(k.dq_o, k.dq_n, k.dq_s), a=by_name(k.ddq_o, k.ddq_n, k.ddq_s),
+        condition=condition, sin_q_n=sin_q_n, source=source,
+    )  # fmt: skip
+
+
+def from_scene(scene: Scene, samples: int = 201) -> Trajectory:
+    """The scene's own motion at `samples` times, both ends included. Raises TrajectoryError."""
+    source = f"{scene.source}: motion"
+    if scene.motion is None:
+        raise TrajectoryError(f"{source}: missing, expected a [motion] table or a trajectory file")
+    t = np.linspace(0.0, scene.motion.duration, samples)
+    orientation = scene.motion.orientation
+    x = _sines(orientation.components, t)
+    if orientation.kind == "rotation_vector":
+        q = _exponential(x)
+    else:
+        turns = [_turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
+        q = _product(_product(turns[0], turns[1]), turns[2])
+    return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *_angular(q))
+
+
+def _read(path: Path) -> tuple[list[str], np.ndarray]:
+    """Column names and numbers (nt, columns) of a CSV file."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as e:
+        raise TrajectoryError(f"{path}: got bytes that are no text (at {e.start}), expected a CSV file") from None
+    except (OSError, ValueError) as e:
+        raise TrajectoryError(f"{path}: {getattr(e, 'strerror', None) or e}, expected a readable CSV file") from None
+    try:
+        lines = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), 1) if row]
+    except csv.Error as e:
+        raise TrajectoryError(f"{path}: not CSV: {e}") from None
+    if not lines:
+        raise TrajectoryError(f"{path}: got an empty file, expected a header {', '.join(POSE)}, ...")
+    names = [name.strip() for name in lines[0][1]]
+    values = []
+    for number, row in lines[1:]:
+        if len(row) != len(names):
+            raise TrajectoryError(
+                f"{path}: line {number}: got {len(row)} fields, expected {len(names)} as in the header"
+            )
+        for name, cell in zip(names, row, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                value = np.nan
+            if not np.isfinite(value):
+                raise TrajectoryError(f"{path}: line {number}: {name}: got {cell.strip()!r}, expected a finite number")
+            values.append(value)
+    return names, np.array(values).reshape(-1, len(names))
+
+
+def from_file(scene: Scene, path: str | Path) -> Trajectory:
+    """A trajectory file: full rows (poses, twists, accelerations), or poses alone, six rows at least.
+
+    With poses alone the rates come from quintic splines through the positions and the sign-continuous quaternion
+    components, which are normalised after; ``source`` says so.
+
+    Raises
+    ------
+    TrajectoryError
+        Missing or unknown columns, no rows, text, values that are not finite, times that do not increase, quaternions
+        that are not of length 1 within 1e-6, or a singular pose.
+    """
+    path = Path(path)
+    names, table = _read(path)
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    unknown = sorted(set(names) - {*POSE, *RATES})
+    wanted = (*POSE, *RATES) if set(names) & set(RATES) else POSE
+    missing = [name for name in wanted if name not in names]
+    for problem, columns in (("repeated", duplicates), ("unknown", unknown), ("missing", missing)):
+        if columns:
+            raise TrajectoryError(
+                f"{path}: {problem} columns: {', '.join(columns)}; expected {', '.join(POSE)} and, all or none,"
+                f" {', '.join(RATES)}"
+            )
+    if not len(table):
+        raise TrajectoryError(f"{path}: got a header and no rows, expected at least one row")
+    column = {name: table[:, j] for j, name in enumerate(names)}
+    t, p, q, v, w, a, dw = (
+        np.column_stack([column[name] for name in wanted[i:j]]) if j <= len(wanted) else np.empty(0)
+        for i, j in ((0, 1), (1, 4), (4, 8), (8, 11), (11, 14), (14, 17), (17, 20))
+    )
+    t = t[:, 0]
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        i = int(back[0])
+        raise TrajectoryError(
+            f"{path}: t: row {i + 2} has {float(t[i + 1])!r} after {float(t[i])!r}, expected increasing times"
+        )
+    length = np.linalg.norm(q, axis=1)
+    wrong = np.flatnonzero(np.abs(length - 1.0) > 1e-6)
+    if len(wrong):
+        i = int(wrong[0])
+        raise TrajectoryError(
+            f"{path}: q_w, q_x, q_y, q_z: row {i + 1} has length {length[i]:.9g}, expected 1 within 1e-6"
+        )
+    if wanted is not POSE:
+        return _build(scene, f"{path}", t, (p, v, a), q, w, dw)
+    if len(t) < SPLINE_ROWS:
+        raise TrajectoryError(
+            f"{path}: got {len(t)} rows of poses alone, expected at least {SPLINE_ROWS} for the spline, or the columns"
+            f" {', '.join(RATES)}"
+        )
+    sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
+    q = q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
+    spline_p, spline_q = make_interp_spline(t, p, k=5), make_interp_spline(t, q, k=5)
+    jet = _normalised((q, spline_q(t, 1), spline_q(t, 2)))
+    rates = (p, spline_p(t, 1), spline_p(t, 2))
+    return _build(scene, f"{path} (rates from quintic splines)", t, rates, jet[0], *_angular(jet))

@@ -1,0 +1,46 @@
+"""The only code that shifts, rotates, reorders or negates wrenches.
+
+A wrench here is (..., 6): moment [N m], then force [N], on the child from its parent, world axes, about the joint's
+point. What each engine gives is said at each function.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def from_mujoco(cfrc_int: np.ndarray, center: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """MuJoCo's ``cfrc_int`` (..., 6): torque, force on the body from its parent, world axes, about ``center``."""
+    return shifted(cfrc_int, center, point)
+
+
+def from_pinocchio(force: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Pinocchio's ``data.f`` (..., 6): force, moment on the body from its parent, joint axes, about its origin."""
+    return _rotate(R, np.concatenate([force[..., 3:], force[..., :3]], axis=-1))
+
+
+def from_dart(wrench: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """DART's ``getBodyForce`` (..., 6): moment, force on the body from its parent, body axes, about its origin."""
+    return _rotate(R, wrench)
+
+
+def from_parts(moment: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Moment and force (..., 3) in world axes about the joint's point."""
+    return np.concatenate([moment, force], axis=-1)
+
+
+def of_loop(multiplier: np.ndarray) -> np.ndarray:
+    """Multipliers (..., 3) of rows (point of the child) - (point of the parent), world axes: force on the child."""
+    return np.concatenate([np.zeros_like(multiplier), multiplier], axis=-1)
+
+
+def shifted(wrench: np.ndarray, point: np.ndarray, new_point: np.ndarray) -> np.ndarray:
+    """The same wrench, world axes, its moment taken about another point (..., 3)."""
+    force = wrench[..., 3:]
+    return np.concatenate([wrench[..., :3] + np.cross(point - new_point, force), force], axis=-1)
+
+
+def _rotate(R: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    """Both halves of a wrench from body to world axes; R = R_WB (..., 3, 3)."""
+    halves = wrench.reshape(*wrench.shape[:-1], 2, 3)
+    return np.einsum("...ij,...kj->...ki", R, halves).reshape(wrench.shape)

@@ -1,0 +1,392 @@
+"""Scenes: one TOML file describes one mechanism, its bodies, joints, motion and load. Everything is checked on load."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cached_property
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, StringConstraints, ValidationError, model_validator
+
+from ..analytic import stewart
+
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+Vector = tuple[Finite, Finite, Finite]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be used: the message names the file and the field, what was got and what is expected."""
+
+
+class _Table(BaseModel):
+    """A table of the scene file: unknown keys are errors, values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Base(_Table):
+    """Base of a leg: mass [kg], J_z [kg m^2] about its hinge axis y_r, on which its centre of mass lies."""
+
+    mass: Positive
+    J_z: Positive
+
+
+class Guide(_Table):
+    """Guide: mass [kg], centre of mass at com [m] along y_n, J_x = J_z and J_y [kg m^2] about O_n."""
+
+    mass: Positive
+    com: Finite
+    J_x: Positive
+    J_y: Positive
+
+    @property
+    def central_J_x(self) -> float:
+        """Transverse moment of inertia about the centre of mass [kg m^2]."""
+        return self.J_x - self.mass * self.com**2
+
+    @model_validator(mode="after")
+    def _possible(self) -> Guide:
+        if self.central_J_x <= 0:
+            raise ValueError(
+                f"J_x is about O_n: got {self.J_x}, expected more than mass * com^2 = {self.mass * self.com**2:.6g}"
+            )
+        if self.J_y > 2 * self.central_J_x:
+            raise ValueError(
+                f"J_y: got {self.J_y}, expected at most twice the central J_x - mass * com^2 = {self.central_J_x:.6g}"
+                " (triangle inequality)"
+            )
+        return self
+
+
+class Rod(_Table):
+    """Rod: mass [kg], central J_x = J_y transverse and J_z along y_n [kg m^2]."""
+
+    mass: Positive
+    J_x: Positive
+    J_z: Positive
+
+    @model_validator(mode="after")
+    def _possible(self) -> Rod:
+        if self.J_z > 2 * self.J_x:
+            raise ValueError(f"J_z: got {self.J_z}, expected at most 2 J_x = {2 * self.J_x} (triangle inequality)")
+        return self
+
+
+class LegTable(_Table):
+    """One leg, all are identical. `a` [m]: rod's tip from its centre of mass. Without `base`: a universal joint."""
+
+    a: Finite
+    base: Base | None = None
+    guide: Guide
+    rod: Rod
+
+
+class Platform(_Table):
+    """Platform: mass [kg], central inertia [kg m^2] and pins [m] in its own axes."""
+
+    mass: Positive
+    inertia: tuple[Vector, Vector, Vector]
+    pins: Annotated[tuple[Vector, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _possible(self) -> Platform:
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            upper, lower = self.inertia[i][j], self.inertia[j][i]
+            if upper != lower:
+                raise ValueError(
+                    f"inertia: got [{i}][{j}] = {upper} and [{j}][{i}] = {lower}, expected a symmetric one"
+                )
+        low, mid, high = np.linalg.eigvalsh(np.array(self.inertia))
+        principal = f"principal moments {low:.6g}, {mid:.6g}, {high:.6g}"
+        if low <= 0:
+            raise ValueError(f"inertia: got {principal}, expected three positive ones")
+        if high > (low + mid) * (1 + 1e-12):  # eigenvalues carry rounding
+            raise ValueError(
+                f"inertia: got {principal}, expected none above the sum of the others (triangle inequality)"
+            )
+        return self
+
+
+class Hull(_Table):
+    """Hull pins O_oi = (A_i, B_i, D_i) [m], world axes."""
+
+    pins: Annotated[tuple[Vector, ...], Field(min_length=1)]
+
+
+class Component(_Table):
+    """c0 + sum of amplitude * sin(omega t + phase); terms are [amplitude, omega in rad/s, phase in rad]."""
+
+    c0: Finite = 0.0
+    terms: tuple[Vector, ...] = ()
+
+
+class Orientation(_Table):
+    """cardan_xyz: R = Rx Ry Rz of three angles [rad]; rotation_vector: axis times angle [rad]."""
+
+    kind: Literal["cardan_xyz", "rotation_vector"]
+    components: tuple[Component, Component, Component]
+
+
+class Motion(_Table):
+    """Default trajectory: duration [s], position [m] of the platform's centre of mass, orientation."""
+
+    duration: Positive
+    position: tuple[Component, Component, Component]
+    orientation: Orientation
+
+
+class LoadTable(_Table):
+    """Outside force [N, world axes] at `point` [m, platform axes] and moment [N m, world axes] on the platform."""
+
+    force: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+    point: Vector = (0.0, 0.0, 0.0)
+
+
+class InitialOrientation(_Table):
+    """Angles [rad] of a start, as in `Orientation`."""
+
+    kind: Literal["cardan_xyz", "rotation_vector"]
+    angles: Vector
+
+
+class Initial(_Table):
+    """Start of a simulation: pose and twist of the platform, world axes."""
+
+    position: Vector
+    orientation: InitialOrientation
+    velocity: Vector = (0.0, 0.0, 0.0)
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+
+
+class LegForces(_Table):
+    """Driving forces of a simulation [N], one component per leg."""
+
+    legs: tuple[Component, ...]
+
+
+class Body(NamedTuple):
+    """A moving body: its name and mass [kg]."""
+
+    name: str
+    mass: float
+
+
+class Joint(NamedTuple):
+    """A joint with a reaction.
+
+    `cut`: a loop closure; `coordinates`: its hinges and slides in the tree, one velocity each; `force`, `moment`: the
+    quantities that name its reaction on the child (None: that component is zero).
+    """
+
+    name: str
+    leg: int
+    parent: str
+    child: str
+    type: Literal["revolute", "universal", "prismatic", "spherical"]
+    coordinates: tuple[str, ...]
+    actuated: bool
+    cut: bool
+    force: str
+    moment: str | None
+
+
+class Scene(_Table):
+    """A validated scene. Bodies and joints are listed by what the file holds: nothing else is modelled."""
+
+    schema_: Annotated[Literal[1], Field(alias="schema")]
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+    topology: Literal["spatial"]
+    gravity: Vector = (0.0, -9.81, 0.0)
+    leg: LegTable
+    platform: Platform
+    hull: Hull
+    motion: Motion | None = None
+    load: LoadTable | None = None
+    initial: Initial | None = None
+    forces: LegForces | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        if len(self.platform.pins) != len(self.hull.pins):
+            raise ValueError(
+                f"platform.pins has {len(self.platform.pins)} rows, hull.pins {len(self.hull.pins)}:"
+                " one pin per leg is needed"
+            )
+        if self.forces and len(self.forces.legs) != self.N:
+            raise ValueError(f"forces.legs has {len(self.forces.legs)} rows, expected one per leg: {self.N}")
+        return self
+
+    _source: str = PrivateAttr("")
+
+    @property
+    def source(self) -> str:
+        """The file it came from, for error messages."""
+        return self._source or self.name
+
+    @property
+    def N(self) -> int:
+        """Number of legs."""
+        return len(self.hull.pins)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """Moving bodies: per leg base (if the scene has one), guide, rod; then the platform."""
+        leg = [("base", self.leg.base), ("guide", self.leg.guide), ("rod", self.leg.rod)]
+        legs = [Body(f"{kind}{i}", part.mass) for i in self.legs for kind, part in leg if part is not None]
+        return (*legs, Body("platform", self.platform.mass))
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """Joints that carry a reaction, leg by leg from hull to platform. The platform's own freedom is none."""
+        joints: list[Joint] = []
+        for i in self.legs:
+            o, n, s, r = f"o{i}", f"n{i}", f"s{i}", f"r{i}"
+            base, guide, rod = f"base{i}", f"guide{i}", f"rod{i}"
+            if self.leg.base is None:
+                joints.append(Joint(n, i, "hull", guide, "universal", (o, n), False, False, "F_n", "M_n"))
+            else:
+                joints.append(Joint(o, i, "hull", base, "revolute", (o,), False, False, "F_o", "M_o"))
+                joints.append(Joint(n, i, base, guide, "revolute", (n,), False, False, "F_n", "M_n"))
+            joints.append(Joint(s, i, guide, rod, "prismatic", (s,), True, False, "F_s", "M_s"))
+            joints.append(Joint(r, i, "platform", rod, "spherical", (), False, True, "F_r", None))
+        return tuple(joints)
+
+    @property
+    def legs(self) -> range:
+        """Leg numbers, from 1."""
+        return range(1, self.N + 1)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the legs' joint coordinates, leg by leg: o1, n1, s1, o2, ..."""
+        return tuple(c for joint in self.joints for c in joint.coordinates)
+
+    @property
+    def nv(self) -> int:
+        """Velocities of the tree: the legs' coordinates and six of the platform."""
+        return len(self.coordinates) + 6
+
+    @property
+    def na(self) -> int:
+        """Actuators."""
+        return sum(joint.actuated for joint in self.joints)
+
+    @property
+    def nc(self) -> int:
+        """Closure equations: three per spherical joint."""
+        return 3 * sum(joint.cut for joint in self.joints)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Forces and moments that the scene has, in the paper's order: F, F_r, F_s, F_n, F_o, M_s, M_n, M_o."""
+        forces = ["F", *dict.fromkeys(j.force for j in reversed(self.joints))]
+        return (*forces, *dict.fromkeys(j.moment for j in reversed(self.joints) if j.moment))
+
+    @cached_property
+    def parameters(self) -> stewart.Parameters:
+        """The same numbers as the formulas name them."""
+        base, guide, rod = self.leg.base, self.leg.guide, self.leg.rod
+        leg = stewart.Leg(
+            m_n=guide.mass, a_n=guide.com, J_nx=guide.J_x, J_ny=guide.J_y,
+            m_s=rod.mass, a=self.leg.a, J_sx=rod.J_x, J_sz=rod.J_z,
+            m_o=base.mass if base else 0.0, J_oz=base.J_z if base else 0.0,
+        )  # fmt: skip
+        load = stewart.Load(self.load.force, self.load.moment, self.load.point) if self.load else stewart.Load()
+        P = self.platform
+        return stewart.Parameters(leg, P.mass, P.inertia, P.pins, self.hull.pins, self.gravity, load)
+
+
+def _show(value: Any) -> str:
+    text = repr(value) if not isinstance(value, dict) else "a table"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _explain(error: ValidationError) -> list[str]:
+    """One line per wrong field: its path, what was got, what is expected."""
+    lines = []
+    for e in error.errors():
+        field = ""
+        for part in e["loc"]:
+            field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
+        kind = e["type"]
+        if kind == "extra_forbidden":
+            lines.append(f"{field}: unknown key, expected none of this name")
+        elif kind == "missing":
+            lines.append(f"{field}: missing" + (", expected one entry more" if field.endswith("]") else ""))
+        elif kind == "value_error":
+            reason = str(e.get("ctx", {})["error"])
+            lines.append(f"{field}.{reason}" if field else reason)
+        elif kind in ("too_short", "too_long"):
+            ctx = e.get("ctx", {})
+            expected = f"at most {ctx['max_length']}" if kind == "too_long" else f"at least {ctx['min_length']}"
+            lines.append(f"{field}: got {ctx['actual_length']} entries, expected {expected}")
+        else:
+            reason = e["msg"].replace("Input should be", "").strip().replace("a valid tuple", "an array")
+            lines.append(f"{field}: got {_show(e['input'])}, expected {reason}")
+    return lines
+
+
+def _refuse_planar(data: dict[str, Any], source: str) -> None:
+    if data.get("topology") == "planar":
+        raise SceneError(f"{source}: topology: got 'planar', expected 'spatial' (planar scenes are not supported yet)")
+
+
+def parse_scene(text: str, source: str) -> Scene:
+    """Scene from TOML text; `source` names it in errors. Raises SceneError."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise SceneError(f"{source}: not TOML: {e}") from None
+    if not data:
+        raise SceneError(f"{source}: got an empty file, expected a scene (schema = 1, name, topology, [leg], ...)")
+    _refuse_planar(data, source)
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as e:
+        raise SceneError("\n".join(f"{source}: {line}" for line in _explain(e))) from None
+    scene._source = source
+    return scene
+
+
+def _folder() -> Traversable:
+    return resources.files(__name__.rpartition(".")[0]) / "scenes"
+
+
+def scene_names() -> list[str]:
+    """Names of the built-in scenes: the TOML files beside this module."""
+    folder = _folder()
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """Load a built-in scene by name, or any scene by the path of its TOML file.
+
+    Raises
+    ------
+    SceneError
+        Unknown name, unreadable file, broken TOML, or values that describe no mechanism.
+    """
+    name = str(name_or_path)
+    if name in scene_names():
+        text = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
+        return parse_scene(text, f"{name}.toml")
+    path = Path(name_or_path)
+    looks_like_path = name and (path.suffix == ".toml" or len(path.parts) > 1 or path.exists())
+    if not looks_like_path:
+        raise SceneError(f"{name!r}: got an unknown scene, expected one of {', '.join(scene_names())} or a TOML file")
+    try:
+        return parse_scene(path.read_bytes().decode("utf-8"), name)
+    except UnicodeDecodeError as e:
+        raise SceneError(f"{name}: got bytes that are no text (at {e.start}), expected TOML in UTF-8") from None
+    except OSError as e:
+        raise SceneError(f"{name}: {e.strerror or e}, expected a readable TOML file") from None
+    except ValueError as e:  # a path with a null byte
+        if isinstance(e, SceneError):
+            raise
+        raise SceneError(f"{name!r}: {e}, expected a readable TOML file") from None

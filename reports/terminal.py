@@ -1,0 +1,58 @@
+"""The verdict table for people."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+_STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported": "dim"}
+
+
+def _cell(row: pd.Series) -> str:
+    text = row["verdict"] if math.isnan(row["max_rel"]) else f"{row['max_rel']:.1e}"
+    if row["verdict"] == "fail":
+        text += " FAIL"
+    return f"[{_STYLE[row['verdict']]}]{text}[/]"
+
+
+def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
+    """Print max_rel of every quantity and engine, then what failed, where, and the verdict.
+
+    `agreement` has the published columns and `where`, `reason`. The certified column gives proven radii.
+    """
+    table = Table(title="largest error over scale (certified: proven radius over scale)", title_justify="left")
+    table.add_column("quantity")
+    table.add_column("scale", justify="right")
+    engines = agreement.drop_duplicates("engine")
+    for _, e in engines.iterrows():
+        name = e["engine"] + (f" {e['engine_version']}" if e["engine_version"] else "")
+        table.add_column(f"{name}\n[dim]{e['route'] or '-'}[/]", justify="right")
+    for quantity, rows in agreement.groupby("quantity", sort=False):
+        by_engine = rows.set_index("engine")
+        scale = rows["scale"].dropna()
+        table.add_row(
+            str(quantity),
+            f"{scale.iloc[0]:.4g} {rows['unit'].iloc[0]}" if len(scale) else "-",
+            *(_cell(by_engine.loc[name]) if name in by_engine.index else "" for name in engines["engine"]),
+        )
+    console.print(table)
+    for _, row in agreement[agreement["verdict"] == "fail"].iterrows():
+        console.print(
+            f"[bold red]FAIL[/] {row['engine']} {row['quantity']}:"
+            f" {row['max_rel']:.2e} of {row['scale']:.4g} {row['unit']}, allowed {row['tolerance']:.1e}"
+            f" ({row['tolerance_name']}); worst at {row['where']}",
+            highlight=False,
+            soft_wrap=True,
+        )
+    for name, rows in agreement[agreement["verdict"] == "error"].groupby("engine", sort=False):
+        console.print(f"[yellow]ERROR[/] {name}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
+    counts = agreement["verdict"].value_counts().to_dict()
+    summary = ", ".join(f"{counts[v]} {v}" for v in _STYLE if v in counts)
+    ok = set(counts) <= {"pass", "unsupported"}
+    console.print(
+        f"[{'bold green' if ok else 'bold red'}]{'all agree' if ok else 'not all agree'}[/]: {summary}", highlight=False
+    )

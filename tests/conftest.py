@@ -1,0 +1,55 @@
+"""Scenes, trajectories and truth that many tests share."""
+
+from __future__ import annotations
+
+import importlib
+import os
+
+import numpy as np
+import pytest
+
+from stewart_crosscheck.analytic import PlatformMotion
+from stewart_crosscheck.crosscheck.engine import DynamicsResult, load_engine
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
+from stewart_crosscheck.models import Scene, load_scene
+
+ENGINES = {"mujoco": "mujoco", "pinocchio": "pinocchio", "dart": "dartpy"}
+"""Engine name to the module that it needs."""
+
+
+@pytest.fixture(scope="session")
+def hexapod() -> Scene:
+    return load_scene("hexapod")
+
+
+@pytest.fixture(scope="session")
+def trajectory(hexapod: Scene) -> Trajectory:
+    return from_scene(hexapod, 21)
+
+
+@pytest.fixture(scope="session")
+def truth(hexapod: Scene, trajectory: Trajectory) -> DynamicsResult:
+    return load_engine("reference")(hexapod).inverse_dynamics(trajectory)
+
+
+@pytest.fixture(params=ENGINES)
+def engine_name(request: pytest.FixtureRequest) -> str:
+    """Name of an engine whose package is installed; skipped otherwise, unless REQUIRE_ENGINES names it."""
+    name = request.param
+    try:
+        importlib.import_module(ENGINES[name])
+    except ImportError:
+        if name in os.environ.get("REQUIRE_ENGINES", "").split(","):
+            raise
+        pytest.skip(f"{ENGINES[name]} is not installed")
+    return name
+
+
+def one_sample(motion: PlatformMotion, k: int) -> PlatformMotion:
+    """Sample k of a motion as plain floats."""
+    return PlatformMotion(*(np.asarray(a)[k].tolist() for a in motion))
+
+
+@pytest.fixture
+def samples_as_floats(trajectory: Trajectory) -> list[PlatformMotion]:
+    return [one_sample(trajectory.motion, k) for k in range(len(trajectory.t))]
