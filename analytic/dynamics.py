@@ -65,7 +65,9 @@ def _components(motion: PlatformMotion) -> PlatformMotion:
 def _blocks(motion: PlatformMotion) -> Iterator[tuple[slice, PlatformMotion]]:
     """Check shapes and finiteness, then hand out the motion in blocks of components."""
     arrays = PlatformMotion(*(np.asarray(a, dtype=float) for a in motion))
-    nt = len(arrays.C_p)
+    nt = len(arrays.C_p) if arrays.C_p.ndim else 0
+    if nt == 0:
+        raise ValueError(f"motion.C_p: got shape {arrays.C_p.shape}, expected (nt, 3) with at least one sample")
     for name, a in arrays._asdict().items():
         shape = (nt, 3, 3) if name == "R" else (nt, 3)
         if a.shape != shape:

@@ -34,7 +34,7 @@ def row_scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     length[length == 0.0] = 1.0
     _, sigma, Vh = np.linalg.svd(A / length[..., None])
     with np.errstate(divide="ignore"):
-        condition = sigma[:, 0] / sigma[:, -1]
+        condition = sigma[:, 0] / np.abs(sigma[:, -1])  # LAPACK returns -0.0 too
     return length, condition, np.argmax(np.abs(Vh[:, -1]), axis=1) + 1
 
 

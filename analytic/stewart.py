@@ -104,6 +104,12 @@ class Parameters:
     g: Vector = (0.0, -9.81, 0.0)
     load: Load = Load()
 
+    def __post_init__(self) -> None:
+        if len(self.p) != len(self.O):
+            raise ValueError(
+                f"got {len(self.p)} platform pins p and {len(self.O)} hull pins O, expected one each per leg"
+            )
+
 
 class PlatformMotion(NamedTuple):
     """Pose, twist and acceleration of the platform's centre of mass, world axes. ``R``: rows of R_WP."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +23,8 @@ from .trajectory import TrajectoryError, from_file, from_scene
 UNUSABLE, INTERNAL = 2, 4
 
 SAMPLES = 201
+MOST_SAMPLES = 1_000_000
+"""Beyond it the table of every number has a billion rows."""
 
 app = typer.Typer(
     add_completion=False,
@@ -33,10 +36,24 @@ app = typer.Typer(
 Scene = Annotated[str, typer.Argument(help="A built-in scene (see `crosscheck scenes`) or the path of a TOML file.")]
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Whoever read has gone (`| head`): be quiet from here on, the exit status stays that of the command."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+
 def _console(stderr: bool = False) -> Console:
     """Terminal output; a pipe gets lines of a width that tables fit."""
-    console = Console(stderr=stderr)
-    return console if console.is_terminal else Console(stderr=stderr, width=140)
+    console = _Console(stderr=stderr)
+    return console if console.is_terminal else _Console(stderr=stderr, width=140)
+
+
+def _count(text: str) -> int:
+    """Value of --samples."""
+    if not (text.isdecimal() and len(text) < 10 and 1 <= int(text) <= MOST_SAMPLES):
+        raise typer.BadParameter(f"got {text!r}, expected a whole number from 1 to {MOST_SAMPLES}")
+    return int(text)
 
 
 @app.command(epilog="Example: crosscheck run hexapod --engine mujoco --engine pinocchio --samples 51 --out results")
@@ -49,7 +66,8 @@ def run(
         Path | None, typer.Option(help="CSV file of platform poses, or poses with twists and accelerations.")
     ] = None,
     samples: Annotated[
-        int | None, typer.Option(min=1, help=f"Samples of the scene's own motion. Default: {SAMPLES}.")
+        int | None,
+        typer.Option(parser=_count, metavar="<int>", help=f"Samples of the scene's own motion. Default: {SAMPLES}."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")] = None,
 ) -> int:
@@ -60,10 +78,9 @@ def run(
     """
     if trajectory is not None and samples is not None:
         raise typer.BadParameter(
-            "--samples: got it together with --trajectory, expected one of them: a file has its own rows"
+            "got it together with --trajectory, expected one of them: a file has its own rows", param_hint="'--samples'"
         )
-    if out is not None:
-        require_free(out)
+    require_free(out or Path("runs", "RUN_ID"))
     loaded = load_scene(scene)
     require_determinate(loaded)
     motion = from_file(loaded, trajectory) if trajectory else from_scene(loaded, samples or SAMPLES)
@@ -89,8 +106,8 @@ def run(
     )
     if truth["samples"] < truth["of"]:
         console.print(
-            f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst conditioned"
-            " among them; errors are taken there",
+            f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst"
+            " conditioned among them; errors are taken there",
             highlight=False,
         )
     print_verdict(report.agreement, console)

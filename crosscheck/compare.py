@@ -11,7 +11,7 @@ import pandas as pd
 from ..models.scene import Scene
 from .balance import balance
 from .engine import LOOPS, REFERENCE, DynamicsResult, Engine, quantity
-from .tolerance import CLOSURE, RADIUS, Tolerance, round_off
+from .tolerance import RADIUS, Tolerance, closure, round_off
 from .trajectory import Trajectory
 
 PASS, FAIL, ERROR = "pass", "fail", "error"
@@ -119,7 +119,7 @@ def agreement(
     truth = results[REFERENCE]
     rows: list[dict] = []
     size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None
-    hard = round_off(trajectory.condition, trajectory.sin_q_n)
+    forces, loops = round_off(trajectory.condition, trajectory.sin_q_n), closure(trajectory.sin_q_n)
     for name, engine in engines.items():
         result = results[name]
         known = None if isinstance(engine, Failure) else engine
@@ -142,7 +142,7 @@ def agreement(
             elif not isinstance(truth, DynamicsResult) or size is None:
                 row["reason"] = "no certified truth to compare with"
             else:
-                tolerance = RADIUS if result.radius else CLOSURE if q in LOOPS else hard
+                tolerance = RADIUS if result.radius else loops if q in LOOPS else forces
                 t = trajectory.t if q in (*LOOPS, "balance") else trajectory.t[truth.samples]
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
                 row |= _judge(errors, where, t, size.of(q), tolerance)

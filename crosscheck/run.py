@@ -129,10 +129,10 @@ def run(
 
 
 def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
-    from .engines.reference_ import SEED
-
     if isinstance(result, Failure):
         return {"samples": 0, "of": nt}
+    from .engines.reference_ import SEED  # its package may be missing
+
     return {"samples": len(result.samples), "of": nt, "seed": SEED}
 
 

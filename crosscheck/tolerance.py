@@ -36,13 +36,26 @@ EASY_CONDITION = 40.0
 EASY_SIN_Q_N = 0.2
 
 
+def _scaled(tolerance: Tolerance, factor: float) -> Tolerance:
+    """The tolerance of a hard pose, under a name that says so. A NaN factor widens nothing."""
+    if not factor > 1.0:
+        return tolerance
+    return tolerance._replace(name=f"{tolerance.name}_ill_conditioned", value=tolerance.value * factor)
+
+
+def _steepness(sin_q_n: np.ndarray) -> float:
+    return EASY_SIN_Q_N / float(np.min(sin_q_n))
+
+
 def round_off(condition: np.ndarray, sin_q_n: np.ndarray) -> Tolerance:
     """`ROUND_OFF`, scaled by how hard the trajectory is.
 
     The forces react to half a unit in the last place of their inputs like the row-scaled condition, and like 1/s of
     a steep leg whose base or spin inertia is loaded: no float64 method can do better, so the bound grows with both.
     """
-    factor = max(1.0, float(np.max(condition)) / EASY_CONDITION, EASY_SIN_Q_N / float(np.min(sin_q_n)))
-    if factor == 1.0:
-        return ROUND_OFF
-    return ROUND_OFF._replace(name="round_off_ill_conditioned", value=ROUND_OFF.value * factor)
+    return _scaled(ROUND_OFF, max(float(np.max(condition)) / EASY_CONDITION, _steepness(sin_q_n)))
+
+
+def closure(sin_q_n: np.ndarray) -> Tolerance:
+    """`CLOSURE`, scaled by 1/s: joint accelerations of a steep leg grow as 1/s^2 and reach the tip through s."""
+    return _scaled(CLOSURE, _steepness(sin_q_n))

@@ -17,7 +17,7 @@ from scipy.interpolate import make_interp_spline
 from .. import analytic
 from ..analytic import PlatformMotion, SingularPose
 from ..analytic.solve import require_regular, row_scaled
-from ..models.scene import Component, Scene
+from ..models.scene import LARGEST, Component, Scene
 
 Jet = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -216,7 +216,8 @@ def _build(
     """Add the joint coordinates; refuse what has no inverse dynamics."""
     motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
     try:
-        k = analytic.inverse_kinematics(scene.parameters, motion)
+        with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
+            k = analytic.inverse_kinematics(scene.parameters, motion)
         condition, sin_q_n = conditioning(scene, p[0], motion.R)
     except SingularPose as e:
         raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: singular pose: {e}") from None
@@ -248,8 +249,25 @@ def from_scene(scene: Scene, samples: int = 201) -> Trajectory:
     return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *_angular(q))
 
 
-def _read(path: Path) -> tuple[list[str], np.ndarray]:
-    """Column names and numbers (nt, columns) of a CSV file."""
+def _require_columns(path: Path, names: list[str]) -> None:
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    unknown = sorted(set(names) - {*POSE, *RATES})
+    missing = [name for name in _wanted(names) if name not in names]
+    for problem, columns in (("repeated", repeated), ("unknown", unknown), ("missing", missing)):
+        if columns:
+            raise TrajectoryError(
+                f"{path}: got {problem} columns {', '.join(map(repr, columns))}; expected {', '.join(POSE)} and, all or"
+                f" none, {', '.join(RATES)}"
+            )
+
+
+def _wanted(names: list[str]) -> tuple[str, ...]:
+    """Columns that a header with these names needs: the poses, and every rate if there is one."""
+    return (*POSE, *RATES) if set(names) & set(RATES) else POSE
+
+
+def _read(path: Path) -> tuple[list[str], np.ndarray, list[int]]:
+    """Column names, numbers (nt, columns) and line numbers of a CSV file."""
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as e:
@@ -259,10 +277,11 @@ def _read(path: Path) -> tuple[list[str], np.ndarray]:
     try:
         lines = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), 1) if row]
     except csv.Error as e:
-        raise TrajectoryError(f"{path}: not CSV: {e}") from None
+        raise TrajectoryError(f"{path}: got no CSV, expected a trajectory: {e}") from None
     if not lines:
         raise TrajectoryError(f"{path}: got an empty file, expected a header {', '.join(POSE)}, ...")
     names = [name.strip() for name in lines[0][1]]
+    _require_columns(path, names)
     values = []
     for number, row in lines[1:]:
         if len(row) != len(names):
@@ -274,10 +293,12 @@ def _read(path: Path) -> tuple[list[str], np.ndarray]:
                 value = float(cell)
             except ValueError:
                 value = np.nan
-            if not np.isfinite(value):
-                raise TrajectoryError(f"{path}: line {number}: {name}: got {cell.strip()!r}, expected a finite number")
+            if not abs(value) <= LARGEST:
+                raise TrajectoryError(
+                    f"{path}: line {number}: {name}: got {cell.strip()!r}, expected a finite number up to {LARGEST:g}"
+                )
             values.append(value)
-    return names, np.array(values).reshape(-1, len(names))
+    return names, np.array(values).reshape(-1, len(names)), [number for number, _ in lines[1:]]
 
 
 def from_file(scene: Scene, path: str | Path) -> Trajectory:
@@ -293,17 +314,8 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
         that are not of length 1 within 1e-6, or a singular pose.
     """
     path = Path(path)
-    names, table = _read(path)
-    duplicates = sorted({name for name in names if names.count(name) > 1})
-    unknown = sorted(set(names) - {*POSE, *RATES})
-    wanted = (*POSE, *RATES) if set(names) & set(RATES) else POSE
-    missing = [name for name in wanted if name not in names]
-    for problem, columns in (("repeated", duplicates), ("unknown", unknown), ("missing", missing)):
-        if columns:
-            raise TrajectoryError(
-                f"{path}: {problem} columns: {', '.join(columns)}; expected {', '.join(POSE)} and, all or none,"
-                f" {', '.join(RATES)}"
-            )
+    names, table, lines = _read(path)
+    wanted = _wanted(names)
     if not len(table):
         raise TrajectoryError(f"{path}: got a header and no rows, expected at least one row")
     column = {name: table[:, j] for j, name in enumerate(names)}
@@ -316,14 +328,14 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
     if len(back):
         i = int(back[0])
         raise TrajectoryError(
-            f"{path}: t: row {i + 2} has {float(t[i + 1])!r} after {float(t[i])!r}, expected increasing times"
+            f"{path}: line {lines[i + 1]}: t: got {float(t[i + 1])!r} after {float(t[i])!r}, expected increasing times"
         )
     length = np.linalg.norm(q, axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > 1e-6)
     if len(wrong):
         i = int(wrong[0])
         raise TrajectoryError(
-            f"{path}: q_w, q_x, q_y, q_z: row {i + 1} has length {length[i]:.9g}, expected 1 within 1e-6"
+            f"{path}: line {lines[i]}: q_w, q_x, q_y, q_z: got length {length[i]:.9g}, expected 1 within 1e-6"
         )
     if wanted is not POSE:
         return _build(scene, f"{path}", t, (p, v, a), q, w, dw)
@@ -334,7 +346,17 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
         )
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
     q = q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
-    spline_p, spline_q = make_interp_spline(t, p, k=5), make_interp_spline(t, q, k=5)
-    jet = _normalised((q, spline_q(t, 1), spline_q(t, 2)))
-    rates = (p, spline_p(t, 1), spline_p(t, 2))
+    try:
+        with np.errstate(all="ignore"):  # rates that overflow are refused below
+            spline_p, spline_q = make_interp_spline(t, p, k=5), make_interp_spline(t, q, k=5)
+            jet = _normalised((q, spline_q(t, 1), spline_q(t, 2)))
+            rates = (p, spline_p(t, 1), spline_p(t, 2))
+    except (np.linalg.LinAlgError, ValueError) as e:
+        raise TrajectoryError(
+            f"{path}: t: got steps too uneven for a quintic spline ({e}), expected even ones"
+        ) from None
+    wild = ~np.all([np.abs(x).max(axis=1) <= LARGEST for x in (*rates, *jet)], axis=0)
+    if wild.any():
+        line = lines[int(np.argmax(wild))]
+        raise TrajectoryError(f"{path}: line {line}: t: got rates beyond {LARGEST:g}, expected larger time steps")
     return _build(scene, f"{path} (rates from quintic splines)", t, rates, jet[0], *_angular(jet))

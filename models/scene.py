@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from functools import cached_property
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -14,8 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, StringConstraint
 
 from ..analytic import stewart
 
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+LARGEST = 1e20
+"""Largest number in a scene or trajectory file, SI units: products of such numbers are finite in float64."""
+
+Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=LARGEST)]
 Vector = tuple[Finite, Finite, Finite]
 
 
@@ -234,14 +236,14 @@ class Scene(_Table):
         """Number of legs."""
         return len(self.hull.pins)
 
-    @cached_property
+    @property
     def bodies(self) -> tuple[Body, ...]:
         """Moving bodies: per leg base (if the scene has one), guide, rod; then the platform."""
         leg = [("base", self.leg.base), ("guide", self.leg.guide), ("rod", self.leg.rod)]
         legs = [Body(f"{kind}{i}", part.mass) for i in self.legs for kind, part in leg if part is not None]
         return (*legs, Body("platform", self.platform.mass))
 
-    @cached_property
+    @property
     def joints(self) -> tuple[Joint, ...]:
         """Joints that carry a reaction, leg by leg from hull to platform. The platform's own freedom is none."""
         joints: list[Joint] = []
@@ -288,7 +290,7 @@ class Scene(_Table):
         forces = ["F", *dict.fromkeys(j.force for j in reversed(self.joints))]
         return (*forces, *dict.fromkeys(j.moment for j in reversed(self.joints) if j.moment))
 
-    @cached_property
+    @property
     def parameters(self) -> stewart.Parameters:
         """The same numbers as the formulas name them."""
         base, guide, rod = self.leg.base, self.leg.guide, self.leg.rod
@@ -318,7 +320,13 @@ def _explain(error: ValidationError) -> list[str]:
         if kind == "extra_forbidden":
             lines.append(f"{field}: unknown key, expected none of this name")
         elif kind == "missing":
-            lines.append(f"{field}: missing" + (", expected one entry more" if field.endswith("]") else ""))
+            lines.append(f"{field}: got nothing, expected " + ("one entry more" if field.endswith("]") else "this key"))
+        elif kind in ("less_than_equal", "greater_than_equal"):
+            lines.append(f"{field}: got {_show(e['input'])}, expected a number up to {LARGEST:g}")
+        elif kind == "model_type":
+            lines.append(f"{field}: got {_show(e['input'])}, expected a table")
+        elif kind == "string_pattern_mismatch":
+            lines.append(f"{field}: got {_show(e['input'])}, expected a letter, then letters, digits, _ and -")
         elif kind == "value_error":
             reason = str(e.get("ctx", {})["error"])
             lines.append(f"{field}.{reason}" if field else reason)
@@ -332,7 +340,10 @@ def _explain(error: ValidationError) -> list[str]:
     return lines
 
 
-def _refuse_planar(data: dict[str, Any], source: str) -> None:
+def _refuse_unsupported(data: dict[str, Any], source: str) -> None:
+    schema = data.get("schema", 1)
+    if type(schema) is not int or schema != 1:  # by type: True and 1.0 are equal to 1
+        raise SceneError(f"{source}: schema: got {_show(schema)}, expected 1")
     if data.get("topology") == "planar":
         raise SceneError(f"{source}: topology: got 'planar', expected 'spatial' (planar scenes are not supported yet)")
 
@@ -341,11 +352,11 @@ def parse_scene(text: str, source: str) -> Scene:
     """Scene from TOML text; `source` names it in errors. Raises SceneError."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise SceneError(f"{source}: not TOML: {e}") from None
+    except (ValueError, RecursionError) as e:  # broken TOML, an integer or a nesting beyond Python's limits
+        raise SceneError(f"{source}: got no TOML, expected a scene: {e}") from None
     if not data:
         raise SceneError(f"{source}: got an empty file, expected a scene (schema = 1, name, topology, [leg], ...)")
-    _refuse_planar(data, source)
+    _refuse_unsupported(data, source)
     try:
         scene = Scene.model_validate(data)
     except ValidationError as e:
@@ -377,16 +388,18 @@ def load_scene(name_or_path: str | Path) -> Scene:
         text = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
         return parse_scene(text, f"{name}.toml")
     path = Path(name_or_path)
-    looks_like_path = name and (path.suffix == ".toml" or len(path.parts) > 1 or path.exists())
-    if not looks_like_path:
-        raise SceneError(f"{name!r}: got an unknown scene, expected one of {', '.join(scene_names())} or a TOML file")
     try:
-        return parse_scene(path.read_bytes().decode("utf-8"), name)
+        looks_like_path = name and (path.suffix == ".toml" or len(path.parts) > 1 or path.exists())
+        if not looks_like_path:
+            raise SceneError(
+                f"{name!r}: got an unknown scene, expected one of {', '.join(scene_names())} or a TOML file"
+            )
+        return parse_scene(path.read_bytes().decode("utf-8-sig"), name)
+    except SceneError:
+        raise
     except UnicodeDecodeError as e:
         raise SceneError(f"{name}: got bytes that are no text (at {e.start}), expected TOML in UTF-8") from None
     except OSError as e:
         raise SceneError(f"{name}: {e.strerror or e}, expected a readable TOML file") from None
     except ValueError as e:  # a path with a null byte
-        if isinstance(e, SceneError):
-            raise
         raise SceneError(f"{name!r}: {e}, expected a readable TOML file") from None

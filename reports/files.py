@@ -26,54 +26,73 @@ class OutputError(ValueError):
 def require_free(folder: Path) -> None:
     """Raise OutputError unless `folder` can be made or is empty, before any long work starts."""
     try:
-        if folder.exists() and not folder.is_dir():
+        if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"--out {folder}: got a file, expected a folder that does not exist or is empty")
         if folder.is_dir() and any(folder.iterdir()):
-            raise OutputError(f"--out {folder}: the folder is not empty, expected one that does not exist or is empty")
-        parent = folder.absolute().parent
-        while not parent.exists():
-            parent = parent.parent
-        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-            raise OutputError(f"--out {folder}: {parent} cannot be written to, expected a writable folder")
-    except (OSError, ValueError) as e:
-        if isinstance(e, OutputError):
-            raise
-        raise OutputError(
-            f"--out {str(folder)!r}: {getattr(e, 'strerror', None) or e}, expected a folder name"
-        ) from None
+            raise OutputError(
+                f"--out {folder}: got a folder that is not empty, expected one that does not exist or is empty"
+            )
+        home = folder.absolute()
+        while not os.path.lexists(home):
+            home = home.parent
+        with tempfile.TemporaryDirectory(prefix=_prefix(folder), dir=home):
+            pass  # it can be written to: permissions alone do not say so
+    except OSError as e:
+        raise OutputError(f"--out {folder}: {e.strerror or e}, expected a folder that can be written to") from None
+
+
+def _prefix(folder: Path) -> str:
+    return f".{folder.name}-"
 
 
 @contextlib.contextmanager
 def _whole(folder: Path) -> Iterator[Path]:
-    """A hidden folder beside `folder` to write into, renamed to `folder` in the end, removed if anything fails.
+    """A hidden folder to write into, which becomes `folder` in the end and is removed if anything fails.
 
-    Two runs into one folder: the one that comes second keeps its results beside, and says where.
+    It lies beside `folder`, or in it if that exists: the current folder, a mount or a link stays what it is.
+    Two runs into one folder: the one that comes second keeps its results in a folder of their own, and says where.
     """
-    require_free(folder)
+    path = Path(os.path.realpath(folder))
+    home = path if os.path.isdir(path) else path.parent
+    made = [parent for parent in (home, *home.parents) if not os.path.exists(parent)]
+    staging = None
     try:
-        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.absolute().parent))
-    except OSError as e:
-        raise OutputError(f"--out {folder}: {e.strerror or e}; nothing was written") from None
-    try:
+        home.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=home))
         yield staging
         staging.chmod(0o755)
         try:
-            staging.rename(folder)
+            _publish(staging, path)
         except OSError:
-            beside = folder.with_name(f"{folder.name}{staging.name.removeprefix('.' + folder.name)}")
-            staging.rename(beside)
+            kept = staging.with_name(staging.name.removeprefix("."))
+            staging.rename(kept)
             raise OutputError(
-                f"--out {folder}: another run filled it meanwhile; the results of this one are in {beside}"
+                f"--out {folder}: another run filled it meanwhile; the results of this one are in {kept}"
             ) from None
     except OSError as e:
         raise OutputError(f"--out {folder}: {e.strerror or e}; nothing was written") from None
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        if staging:
+            shutil.rmtree(staging, ignore_errors=True)
+        for parent in made:
+            with contextlib.suppress(OSError):  # it holds the results
+                parent.rmdir()
+
+
+def _publish(staging: Path, folder: Path) -> None:
+    """Rename `staging` to `folder`, or its files into the folder that it lies in. OSError if that has others."""
+    if staging.parent != folder:
+        staging.rename(folder)
+        return
+    if any(not entry.name.startswith(_prefix(folder)) for entry in folder.iterdir()):  # but for runs under way
+        raise FileExistsError
+    for file in staging.iterdir():
+        file.rename(folder / file.name)
 
 
 def write_files(folder: Path, texts: Mapping[str, str]) -> None:
     """Write text files by name into a folder that does not exist or is empty. Raises OutputError."""
+    require_free(folder)
     with _whole(folder) as staging:
         for name, text in texts.items():
             (staging / name).write_text(text, encoding="utf-8")

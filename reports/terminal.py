@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pandas as pd
 from rich.console import Console
 from rich.markup import escape
@@ -13,7 +11,7 @@ _STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported":
 
 
 def _cell(row: pd.Series) -> str:
-    text = row["verdict"] if math.isnan(row["max_rel"]) else f"{row['max_rel']:.1e}"
+    text = f"{row['max_rel']:.1e}" if row["verdict"] in ("pass", "fail") else row["verdict"]
     if row["verdict"] == "fail":
         text += " FAIL"
     return f"[{_STYLE[row['verdict']]}]{text}[/]"

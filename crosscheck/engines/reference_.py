@@ -8,7 +8,7 @@ bodies of a leg give everything in terms of the force along the leg, the platfor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
@@ -19,14 +19,30 @@ from flint import arb, arb_mat
 
 from ...models.scene import Scene
 from .. import wrench
+from ..balls import (
+    Jet,
+    Vector,
+    apply,
+    cross,
+    cross_jet,
+    dot,
+    dot_jet,
+    minus,
+    over,
+    plus,
+    sqrt_jet,
+    times,
+    total,
+    vector,
+)
 from ..engine import DynamicsResult, EngineError, engine_version
-
-Vector = tuple[arb, arb, arb]
-Jet = tuple[Any, Any, Any]  # value, first and second time derivative: of arb, or of Vector
 
 FIRST_BITS, MOST_BITS = 128, 8192
 BOUND = 1e-20
 """Wanted radius, relative to the largest force or moment of the sample: far below float64, which holds the value."""
+
+LEAST_FORCE = 1e-9
+"""What the bound refers to when forces cancel, N."""
 
 MOST_SAMPLES = 1000
 SEED = 20160403
@@ -34,70 +50,6 @@ SEED = 20160403
 
 class NotCertified(EngineError):
     """No radius below the bound up to the largest precision: the pose is singular, or nearly so."""
-
-
-# --- Vectors and jets -------------------------------------------------------------------------------------------------
-
-
-def _vector(values: Iterable[float]) -> Vector:
-    x, y, z = (arb(float(v)) for v in values)
-    return x, y, z
-
-
-def _plus(*vs: Vector) -> Vector:
-    return (sum((v[0] for v in vs), arb(0)), sum((v[1] for v in vs), arb(0)), sum((v[2] for v in vs), arb(0)))
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _times(k: arb, a: Vector) -> Vector:
-    return (k * a[0], k * a[1], k * a[2])
-
-
-def _dot(a: Vector, b: Vector) -> arb:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _apply(A: Sequence[Vector], b: Vector) -> Vector:
-    return (_dot(A[0], b), _dot(A[1], b), _dot(A[2], b))
-
-
-def _sum(*xs: arb) -> arb:
-    return sum(xs, arb(0))
-
-
-def _bilinear(op: Callable[[Any, Any], Any], plus: Callable[..., Any], a: Jet, b: Jet) -> Jet:
-    """Jet of a bilinear product, by the product rule."""
-    middle = op(a[1], b[1])
-    return op(a[0], b[0]), plus(op(a[1], b[0]), op(a[0], b[1])), plus(op(a[2], b[0]), middle, middle, op(a[0], b[2]))
-
-
-def _dot_jet(a: Jet, b: Jet) -> Jet:
-    return _bilinear(_dot, _sum, a, b)
-
-
-def _cross_jet(a: Jet, b: Jet) -> Jet:
-    return _bilinear(_cross, _plus, a, b)
-
-
-def _over(a: Jet, k: Jet) -> Jet:
-    """Jet of the vector a over the scalar k."""
-    x = 1 / k[0]
-    dx = -k[1] * x * x
-    inverse = (x, dx, -k[2] * x * x - 2 * k[1] * x * dx)
-    return _bilinear(lambda v, s: _times(s, v), _plus, a, inverse)
-
-
-def _sqrt_jet(x: Jet) -> Jet:
-    root = x[0].sqrt()
-    d = x[1] / (2 * root)
-    return root, d, (x[2] - 2 * d * d) / (2 * root)
 
 
 # --- One body ---------------------------------------------------------------------------------------------------------
@@ -114,8 +66,8 @@ class _Turning(NamedTuple):
 def _turning(*axes: Jet) -> _Turning:
     """From the axes of an orthonormal frame: omega = 1/2 sum e x e', alpha = 1/2 sum e x e''."""
     half = arb(1) / 2
-    omega = _times(half, _plus(*(_cross(e[0], e[1]) for e in axes)))
-    alpha = _times(half, _plus(*(_cross(e[0], e[2]) for e in axes)))
+    omega = times(half, plus(*(cross(e[0], e[1]) for e in axes)))
+    alpha = times(half, plus(*(cross(e[0], e[2]) for e in axes)))
     return _Turning((axes[0], axes[1], axes[2]), omega, alpha)
 
 
@@ -123,10 +75,10 @@ def _angular_momentum_rate(body: _Turning, J: tuple[arb, arb, arb]) -> Vector:
     """H' of H = sum J_k (omega . e_k) e_k, the angular momentum about the centre of mass."""
     dH = []
     for J_k, e in zip(J, body.axes, strict=True):
-        h = J_k * _dot(body.omega, e[0])
-        dh = J_k * (_dot(body.alpha, e[0]) + _dot(body.omega, e[1]))
-        dH.append(_plus(_times(dh, e[0]), _times(h, e[1])))
-    return _plus(*dH)
+        h = J_k * dot(body.omega, e[0])
+        dh = J_k * (dot(body.alpha, e[0]) + dot(body.omega, e[1]))
+        dH.append(plus(times(dh, e[0]), times(h, e[1])))
+    return plus(*dH)
 
 
 # --- One sample -------------------------------------------------------------------------------------------------------
@@ -153,16 +105,16 @@ class _Leg:
     def reactions(self, a: arb, F_r: Vector) -> dict[str, Vector]:
         """Add the force on the tip: forces pass down the chain, moments grow by their levers."""
         y = self.frame.axes[1][0]
-        at_rod = _cross(_times(a, y), F_r)
-        at_hull = _cross(_times(self.L[0], y), F_r)
+        at_rod = cross(times(a, y), F_r)
+        at_hull = cross(times(self.L[0], y), F_r)
         return {
             "F_r": F_r,
-            "F_s": _minus(self.F_s, F_r),
-            "F_n": _minus(self.F_n, F_r),
-            "F_o": _minus(self.F_o, F_r),
-            "M_s": _minus(self.M_s, at_rod),
-            "M_n": _minus(self.M_n, at_hull),
-            "M_o": _minus(self.M_o, at_hull),
+            "F_s": minus(self.F_s, F_r),
+            "F_n": minus(self.F_n, F_r),
+            "F_o": minus(self.F_o, F_r),
+            "M_s": minus(self.M_s, at_rod),
+            "M_n": minus(self.M_n, at_hull),
+            "M_o": minus(self.M_o, at_hull),
         }
 
 
@@ -171,10 +123,10 @@ class _Sample:
 
     def __init__(self, scene: Scene, row: Mapping[str, Sequence[float]]) -> None:
         self.scene = scene
-        self.g = _vector(scene.gravity)
-        C, dC, ddC = (_vector(row[n]) for n in ("position", "velocity", "acceleration"))
+        self.g = vector(scene.gravity)
+        C, dC, ddC = (vector(row[n]) for n in ("position", "velocity", "acceleration"))
         self.C: Jet = (C, dC, ddC)
-        self.omega, self.alpha = _vector(row["angular_velocity"]), _vector(row["angular_acceleration"])
+        self.omega, self.alpha = vector(row["angular_velocity"]), vector(row["angular_acceleration"])
         self.R = self._rotation([arb(float(v)) for v in row["quaternion"]])
         self.a = arb(scene.leg.a)
         self.legs = [self._leg(i) for i in range(scene.N)]
@@ -191,52 +143,52 @@ class _Sample:
 
     def _turned(self, p: Vector) -> Jet:
         """A vector fixed in the platform, by r' = omega x r."""
-        r = _apply(self.R, p)
-        dr = _cross(self.omega, r)
-        return r, dr, _plus(_cross(self.alpha, r), _cross(self.omega, dr))
+        r = apply(self.R, p)
+        dr = cross(self.omega, r)
+        return r, dr, plus(cross(self.alpha, r), cross(self.omega, dr))
 
     def _leg(self, i: int) -> _Leg:
         leg = self.scene.leg
         zero = (arb(0), arb(0), arb(0))
         y_r: Jet = ((arb(0), arb(1), arb(0)), zero, zero)
-        r = self._turned(_vector(self.scene.platform.pins[i]))
-        pin = _vector(self.scene.hull.pins[i])
-        tip = (_minus(_plus(self.C[0], r[0]), pin), _plus(self.C[1], r[1]), _plus(self.C[2], r[2]))
+        r = self._turned(vector(self.scene.platform.pins[i]))
+        pin = vector(self.scene.hull.pins[i])
+        tip = (minus(plus(self.C[0], r[0]), pin), plus(self.C[1], r[1]), plus(self.C[2], r[2]))
 
         # The base turns about y_r, the guide about z_n, which is horizontal and square to the leg.
-        L = _sqrt_jet(_dot_jet(tip, tip))
-        across = _cross_jet(y_r, tip)
-        y = _over(tip, L)
-        z = _over(across, _sqrt_jet(_dot_jet(across, across)))
-        frame = _turning(_cross_jet(y, z), y, z)
-        base = _turning(_cross_jet(y_r, z), y_r, z)
+        L = sqrt_jet(dot_jet(tip, tip))
+        across = cross_jet(y_r, tip)
+        y = over(tip, L)
+        z = over(across, sqrt_jet(dot_jet(across, across)))
+        frame = _turning(cross_jet(y, z), y, z)
+        base = _turning(cross_jet(y_r, z), y_r, z)
 
         # Rod: its centre of mass is a short of the tip.
         m_s, J_x, J_z = (arb(v) for v in (leg.rod.mass, leg.rod.J_x, leg.rod.J_z))
-        rod = tuple(_minus(tip[d], _times(self.a, y[d])) for d in range(3))
+        rod = tuple(minus(tip[d], times(self.a, y[d])) for d in range(3))
         dH_s = _angular_momentum_rate(frame, (J_x, J_z, J_x))
-        F_s = _times(m_s, _minus(rod[2], self.g))
+        F_s = times(m_s, minus(rod[2], self.g))
 
         # Guide: central inertia from the one about O_n.
         m_n, a_n, J_nx, J_ny = (arb(v) for v in (leg.guide.mass, leg.guide.com, leg.guide.J_x, leg.guide.J_y))
         J_c = J_nx - m_n * a_n * a_n
-        guide = tuple(_times(a_n, y[d]) for d in range(3))
+        guide = tuple(times(a_n, y[d]) for d in range(3))
         dH_n = _angular_momentum_rate(frame, (J_c, J_ny, J_c))
-        F_n = _plus(_times(m_n, _minus(guide[2], self.g)), F_s)
+        F_n = plus(times(m_n, minus(guide[2], self.g)), F_s)
         # Moments about the guide's centre of mass: F_n acts at O_n, -F_s and -M_s (here H_s') at the rod's.
-        M_n = _plus(dH_n, _cross(guide[0], F_n), dH_s, _cross(_minus(rod[0], guide[0]), F_s))
+        M_n = plus(dH_n, cross(guide[0], F_n), dH_s, cross(minus(rod[0], guide[0]), F_s))
 
         # Base: its centre of mass does not move.
         m_o, J_o = (arb(leg.base.mass), arb(leg.base.J_z)) if leg.base else (arb(0), arb(0))
         dH_o = _angular_momentum_rate(base, (J_o, J_o, J_o))
-        F_o = _minus(F_n, _times(m_o, self.g))
-        M_o = _plus(dH_o, M_n)
+        F_o = minus(F_n, times(m_o, self.g))
+        M_o = plus(dH_o, M_n)
 
-        power = _sum(
-            m_s * _dot(rod[1], _minus(rod[2], self.g)),
-            m_n * _dot(guide[1], _minus(guide[2], self.g)),
-            _dot(frame.omega, _plus(dH_s, dH_n)),
-            _dot(base.omega, dH_o),
+        power = total(
+            m_s * dot(rod[1], minus(rod[2], self.g)),
+            m_n * dot(guide[1], minus(guide[2], self.g)),
+            dot(frame.omega, plus(dH_s, dH_n)),
+            dot(base.omega, dH_o),
         )
         return _Leg(tip, r[0], L, frame, y_r[0], base.omega[1], F_s, F_n, F_o, dH_s, M_n, M_o, power)
 
@@ -244,51 +196,51 @@ class _Sample:
         """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
         platform = self.scene.platform
         load = self.scene.load
-        force = _vector(load.force) if load else _vector((0, 0, 0))
-        moment = _vector(load.moment) if load else _vector((0, 0, 0))
-        point = self._turned(_vector(load.point) if load else _vector((0, 0, 0)))
+        force = vector(load.force) if load else vector((0, 0, 0))
+        moment = vector(load.moment) if load else vector((0, 0, 0))
+        point = self._turned(vector(load.point) if load else vector((0, 0, 0)))
 
-        I_p = [_vector(row) for row in platform.inertia]
+        I_p = [vector(row) for row in platform.inertia]
         columns = [tuple(row[j] for row in self.R) for j in range(3)]  # the platform's axes in the world
 
         def tensor(v: Vector) -> Vector:
-            return _apply(self.R, _apply(I_p, _apply(columns, v)))  # type: ignore[arg-type]
+            return apply(self.R, apply(I_p, apply(columns, v)))  # type: ignore[arg-type]
 
         H = tensor(self.omega)
-        dH = _plus(tensor(self.alpha), _cross(self.omega, H))
-        inertial = _times(arb(platform.mass), _minus(self.C[2], self.g))
-        right_F = _minus(inertial, force)
-        right_M = _minus(dH, _plus(moment, _cross(point[0], force)))
+        dH = plus(tensor(self.alpha), cross(self.omega, H))
+        inertial = times(arb(platform.mass), minus(self.C[2], self.g))
+        right_F = minus(inertial, force)
+        right_M = minus(dH, plus(moment, cross(point[0], force)))
 
         # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 give two components of F_r; along y_n it is free.
         known, along = [], []
         for leg in self.legs:
             x, y, z = (e[0] for e in leg.frame.axes)
-            arm_n = _cross(z, _times(leg.L[0], y))  # (L y x F) . z = F . (z x L y)
-            arm_o = _cross(leg.y_r, _times(leg.L[0], y))
-            on_x = _dot(leg.M_n, z) / _dot(arm_n, x)
-            on_z = _dot(leg.M_o, leg.y_r) / _dot(arm_o, z)
-            F_r = _plus(_times(on_x, x), _times(on_z, z))
+            arm_n = cross(z, times(leg.L[0], y))  # (L y x F) . z = F . (z x L y)
+            arm_o = cross(leg.y_r, times(leg.L[0], y))
+            on_x = dot(leg.M_n, z) / dot(arm_n, x)
+            on_z = dot(leg.M_o, leg.y_r) / dot(arm_o, z)
+            F_r = plus(times(on_x, x), times(on_z, z))
             known.append(F_r)
-            along.append((*y, *_cross(leg.r, y)))
-            right_F = _plus(right_F, F_r)
-            right_M = _plus(right_M, _cross(leg.r, F_r))
+            along.append((*y, *cross(leg.r, y)))
+            right_F = plus(right_F, F_r)
+            right_M = plus(right_M, cross(leg.r, F_r))
         A = arb_mat(6, 6, [-column[j] for j in range(6) for column in along])
         free = A.solve(arb_mat(6, 1, [*right_F, *right_M]))
 
         out: dict[str, list] = {name: [] for name in ("F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o", "L", "dL")}
-        spent = -_dot(self.C[1], force) - _dot(self.omega, moment) - _dot(point[1], force)
-        spent = spent + _dot(self.C[1], inertial) + _dot(self.omega, dH)
+        spent = -dot(self.C[1], force) - dot(self.omega, moment) - dot(point[1], force)
+        spent = spent + dot(self.C[1], inertial) + dot(self.omega, dH)
         for i, leg in enumerate(self.legs):
             y = leg.frame.axes[1][0]
-            reactions = leg.reactions(self.a, _plus(known[i], _times(free[i, 0], y)))
+            reactions = leg.reactions(self.a, plus(known[i], times(free[i, 0], y)))
             for name, value in reactions.items():
                 out[name].append(value)
-            out["F"].append(_dot(reactions["F_s"], y))
+            out["F"].append(dot(reactions["F_s"], y))
             out["L"].append(leg.L[0])
             out["dL"].append(leg.L[1])
             spent = spent + leg.power
-        out["power"] = [spent - _sum(*(F * dL for F, dL in zip(out["F"], out["dL"], strict=True)))]
+        out["power"] = [spent - total(*(F * dL for F, dL in zip(out["F"], out["dL"], strict=True)))]
         return out
 
 
@@ -329,7 +281,7 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
             }
             forces = [x for name in out if name.startswith("F") for x in balls[name]]
             moments = [x for name in out if name.startswith("M") for x in balls[name]]
-            scale = max(float(abs(x)) for x in forces)
+            scale = max(LEAST_FORCE, *(float(abs(x)) for x in forces))
             longest = max(float(x) for x in balls["L"])
             small_F = all(x.is_finite() and float(x.rad()) <= bound * scale for x in forces)
             small_M = all(x.is_finite() and float(x.rad()) <= bound * scale * longest for x in moments)

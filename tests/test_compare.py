@@ -1,0 +1,190 @@
+"""The comparison and the balance: what passes, what fails, who is named, and that nothing is left out."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stewart_crosscheck.crosscheck import tolerance
+from stewart_crosscheck.crosscheck.balance import balance
+from stewart_crosscheck.crosscheck.compare import Failure, agreement, expected, scales
+from stewart_crosscheck.crosscheck.engine import LOOPS, DynamicsResult, engine_names, load_engine
+from stewart_crosscheck.crosscheck.trajectory import Trajectory
+from stewart_crosscheck.models import Scene
+
+ENGINES = {"analytic": load_engine("analytic"), "reference": load_engine("reference")}
+
+
+@pytest.fixture(scope="module")
+def results(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> dict[str, DynamicsResult]:
+    return {"analytic": ENGINES["analytic"](hexapod).inverse_dynamics(trajectory), "reference": truth}
+
+
+def table(hexapod: Scene, trajectory: Trajectory, results: dict) -> Any:
+    return agreement("id", hexapod, trajectory, ENGINES, results).set_index(["engine", "quantity"])
+
+
+def spoiled(result: DynamicsResult, **changes: Any) -> DynamicsResult:
+    return dataclasses.replace(result, **changes)
+
+
+def test_all_rows_are_there_and_pass(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
+    rows = table(hexapod, trajectory, results)
+    assert list(rows.index) == [(e, q) for e in ENGINES for q in hexapod.quantities]
+    assert set(rows["verdict"]) == {"pass"}
+    assert (rows["max_rel"] == rows["max_abs"] / rows["scale"]).all()
+    assert (rows["rms"] <= rows["max_abs"]).all()
+
+
+def test_scale_is_the_largest_reaction_force_and_moments_take_the_longest_leg(
+    hexapod: Scene, trajectory: Trajectory, results: dict, truth: DynamicsResult
+) -> None:
+    rows = table(hexapod, trajectory, results)
+    force = np.linalg.norm(truth.reactions[..., 3:], axis=2).max()
+    assert set(rows.loc["analytic"].loc[["F", "F_r", "F_s", "F_n", "F_o"], "scale"]) == {force}
+    assert set(rows.loc["analytic"].loc[["M_s", "M_n", "M_o"], "scale"]) == {force * truth.L.max()}
+
+
+def test_the_error_is_the_norm_of_a_vector_at_its_worst_leg_and_sample(
+    hexapod: Scene, trajectory: Trajectory, results: dict
+) -> None:
+    joint = [j.name for j in hexapod.joints].index("n5")
+    reactions = results["reference"].reactions.copy()
+    reactions[8, joint, 3:] += [3e-4, 0.0, -4e-4]
+    analytic = spoiled(results["analytic"], reactions=reactions, F=results["reference"].F)
+    row = table(hexapod, trajectory, results | {"analytic": analytic}).loc[("analytic", "F_n")]
+    assert row["max_abs"] == pytest.approx(5e-4, rel=1e-9)
+    assert row["rms"] == pytest.approx(5e-4 / np.sqrt(21 * 6), rel=1e-9)
+    assert row["verdict"] == "fail"
+    assert row["where"] == f"leg 5, t = {trajectory.t[8]:.6g} s"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_never_passes(
+    value: float, hexapod: Scene, trajectory: Trajectory, results: dict
+) -> None:
+    F = results["analytic"].F.copy()
+    F[20, 5] = value
+    rows = table(hexapod, trajectory, results | {"analytic": spoiled(results["analytic"], F=F)})
+    assert rows.loc[("analytic", "F"), "verdict"] == "fail"
+    assert rows.loc[("analytic", "F_r"), "verdict"] == "pass"
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.9, "pass"), (1.1, "fail")])
+def test_the_tolerance_cuts_where_it_says(
+    factor: float, verdict: str, hexapod: Scene, trajectory: Trajectory, results: dict, truth: DynamicsResult
+) -> None:
+    scale = scales(hexapod, trajectory, truth).force
+    F = truth.F.copy()
+    F[3, 2] += factor * 1e-13 * scale
+    rows = table(hexapod, trajectory, results | {"analytic": spoiled(results["analytic"], F=F)})
+    assert rows.loc[("analytic", "F"), "verdict"] == verdict
+
+
+def test_a_wide_radius_fails(hexapod: Scene, trajectory: Trajectory, results: dict, truth: DynamicsResult) -> None:
+    wide = spoiled(truth, radius=dict(truth.radius) | {"F": truth.radius["F"] * 100})
+    rows = table(hexapod, trajectory, results | {"reference": wide})
+    assert rows.loc[("reference", "F"), "verdict"] == "fail"
+    assert rows.loc[("reference", "F_o"), "verdict"] == "pass"
+
+
+def test_a_failed_engine_has_all_its_rows(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
+    rows = table(hexapod, trajectory, results | {"analytic": Failure("it broke")})
+    assert set(rows.loc["analytic", "verdict"]) == {"error"}
+    assert len(rows.loc["analytic"]) == 8
+    assert set(rows.loc["analytic", "reason"]) == {"it broke"}
+    assert set(rows.loc["reference", "verdict"]) == {"pass"}
+
+
+def test_without_truth_nothing_passes(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
+    rows = table(hexapod, trajectory, results | {"reference": Failure("it broke")})
+    assert set(rows["verdict"]) == {"error"}
+    assert set(rows.loc["analytic", "reason"]) == {"no certified truth to compare with"}
+
+
+def test_a_truth_of_fewer_samples_is_compared_at_its_own(
+    hexapod: Scene, trajectory: Trajectory, results: dict, truth: DynamicsResult
+) -> None:
+    few = np.array([2, 9, 17])
+    part = spoiled(truth, samples=few, F=truth.F[few], reactions=truth.reactions[few], L=truth.L[few], dL=truth.dL[few])
+    part = dataclasses.replace(part, radius={k: v[few] for k, v in truth.radius.items()})
+    rows = table(hexapod, trajectory, results | {"reference": part})
+    assert set(rows["verdict"]) == {"pass"}
+    F = results["analytic"].F.copy()
+    F[9] += 1.0
+    rows = table(hexapod, trajectory, results | {"reference": part, "analytic": spoiled(results["analytic"], F=F)})
+    assert rows.loc[("analytic", "F"), "where"].endswith(f"t = {trajectory.t[9]:.6g} s")
+
+
+def test_engines_of_the_route_kkt_also_deliver_loops_and_balance(hexapod: Scene) -> None:
+    for name in engine_names():
+        e = load_engine(name)
+        extra = (*LOOPS, "balance") if e.route == "kkt" else ()
+        assert expected(hexapod, e) == (*hexapod.quantities, *extra)
+
+
+# --- Balance ----------------------------------------------------------------------------------------------------------
+
+
+def test_balance_closes_with_true_reactions(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> None:
+    residual = balance(hexapod, trajectory, truth.reactions, float(truth.L.max()))
+    assert sorted(residual) == sorted(b.name for b in hexapod.bodies)
+    assert max(r.max() for r in residual.values()) < 1e-12  # N, of some hundred: rounding
+
+
+@pytest.mark.parametrize(
+    ("joint", "bodies"),
+    [("o2", {"base2"}), ("n2", {"base2", "guide2"}), ("s2", {"guide2", "rod2"}), ("r2", {"rod2", "platform"})],
+)
+@pytest.mark.parametrize("component", range(6))
+def test_balance_names_the_bodies_of_a_wrong_reaction(
+    joint: str, bodies: set[str], component: int, hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult
+) -> None:
+    reactions = truth.reactions.copy()
+    reactions[4, [j.name for j in hexapod.joints].index(joint), component] += 1e-6
+    residual = balance(hexapod, trajectory, reactions, 1.0)
+    assert {name for name, r in residual.items() if r[4] > 1e-8} == bodies
+
+
+@pytest.mark.parametrize("part", ["base", "guide", "rod", "platform"])
+def test_balance_names_the_body_of_a_wrong_mass(
+    part: str, hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult
+) -> None:
+    data = hexapod.model_dump(by_alias=True)
+    table_ = data["platform"] if part == "platform" else data["leg"][part]
+    table_["mass"] *= 1 + 1e-6
+    residual = balance(Scene.model_validate(data), trajectory, truth.reactions, float(truth.L.max()))
+    wrong = {"platform"} if part == "platform" else {f"{part}{i}" for i in hexapod.legs}
+    assert {name for name, r in residual.items() if r.max() > 1e-9} == wrong
+
+
+# --- Tolerances -------------------------------------------------------------------------------------------------------
+
+
+def test_every_tolerance_has_a_name_and_a_reason() -> None:
+    named = [t for t in vars(tolerance).values() if isinstance(t, tolerance.Tolerance)]
+    assert len({t.name for t in named}) == len(named) == 3
+    assert all(len(t.why) > 40 and 0 < t.value < 1e-12 for t in named)
+
+
+@pytest.mark.parametrize(
+    ("condition", "sin_q_n", "factor"), [(39.0, 0.25, 1.0), (400.0, 0.25, 10.0), (1.0, 0.002, 100.0), (4e3, 0.1, 100.0)]
+)
+def test_round_off_grows_with_condition_and_steep_legs(condition: float, sin_q_n: float, factor: float) -> None:
+    got = tolerance.round_off(np.array([1.0, condition]), np.array([0.5, sin_q_n]))
+    assert got.value == pytest.approx(1e-13 * factor)
+    assert got.name == ("round_off" if factor == 1.0 else "round_off_ill_conditioned")
+
+
+def test_round_off_is_not_granted_for_an_unknown_condition() -> None:
+    """A NaN condition must not widen the tolerance."""
+    got = tolerance.round_off(np.array([np.nan]), np.array([0.5]))
+    assert got == tolerance.ROUND_OFF
+
+
+def test_closure_grows_with_steep_legs_alone() -> None:
+    assert tolerance.closure(np.array([0.3])) == tolerance.CLOSURE
+    assert tolerance.closure(np.array([0.3, 0.002])).value == pytest.approx(1e-11)

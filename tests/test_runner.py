@@ -1,0 +1,134 @@
+"""Engines in processes of their own: crashes, hangs, missing packages, and what `run` makes of them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from stewart_crosscheck.crosscheck import run as run_module
+from stewart_crosscheck.crosscheck import runner
+from stewart_crosscheck.crosscheck.compare import Failure
+from stewart_crosscheck.crosscheck.engine import DynamicsResult, UnknownEngine
+from stewart_crosscheck.crosscheck.run import ENGINE_FAILED, choose_engines, require_determinate, run
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
+from stewart_crosscheck.models import Scene, SceneError
+
+PLUGIN = """
+import os, time
+import numpy as np
+from stewart_crosscheck.crosscheck.engine import EngineError
+from stewart_crosscheck.crosscheck.engines.analytic_ import AnalyticEngine
+
+class Base(AnalyticEngine):
+    package, route = "numpy", "kkt"
+
+class Crash(Base):
+    name = "crash"
+    def inverse_dynamics(self, trajectory):
+        os.write(2, b"engine: about to fall over\\n")
+        os.abort()
+
+class Hang(Base):
+    name = "hang"
+    def inverse_dynamics(self, trajectory):
+        time.sleep(60)
+
+class Raises(Base):
+    name = "raises"
+    def __init__(self, scene, models=None):
+        raise KeyError("joint [o1]")
+
+class Refuses(Base):
+    name = "refuses"
+    def inverse_dynamics(self, trajectory):
+        raise EngineError("refuses: warnings {'mjWARN_BADQACC': 1}")
+
+class Missing(Base):
+    name = "missing"
+    def __init__(self, scene, models=None):
+        import a_package_that_is_not_there
+"""
+NAMES = ("crash", "hang", "raises", "refuses", "missing")
+
+
+@pytest.fixture
+def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Five engines of another distribution that all fail, each in its own way, and one that cannot be imported."""
+    (tmp_path / "failing_engines.py").write_text(PLUGIN)
+    info = tmp_path / "failing_engines-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: failing-engines\nVersion: 1.0\n")
+    entries = [f"{n} = failing_engines:{n.capitalize()}" for n in NAMES] + ["broken = module_that_is_not_there:Engine"]
+    (info / "entry_points.txt").write_text("[stewart_crosscheck.engines]\n" + "\n".join(entries) + "\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    sys.modules.pop("failing_engines", None)
+
+
+@pytest.fixture(scope="module")
+def short(hexapod: Scene) -> Trajectory:
+    return from_scene(hexapod, 3)
+
+
+@pytest.mark.usefixtures("plugins")
+def test_each_failure_is_that_engines_alone(hexapod: Scene, short: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "SECONDS", 6.0)  # enough to start and compute; the hanging engine sleeps ten times that
+    ended: list[str] = []
+    report = run(hexapod, short, [*NAMES, "broken", "analytic"], done=lambda name, result: ended.append(name))
+    reasons = {name: r.reason for name, r in report.results.items() if isinstance(r, Failure)}
+    assert set(reasons) == {*NAMES, "broken"}
+    assert "its process died with exit code" in reasons["crash"]
+    assert "engine: about to fall over" in reasons["crash"]
+    assert reasons["hang"].startswith("no answer within 6 s")
+    assert reasons["raises"] == "KeyError: 'joint [o1]'"
+    assert "mjWARN_BADQACC" in reasons["refuses"]
+    assert reasons["missing"] == "missing package: No module named 'a_package_that_is_not_there'"
+    assert reasons["broken"] == "ModuleNotFoundError: No module named 'module_that_is_not_there'"
+    verdicts = report.agreement.groupby("engine")["verdict"].agg(set).to_dict()
+    assert verdicts["analytic"] == verdicts["reference"] == {"pass"}
+    assert all(verdicts[name] == {"error"} for name in reasons)
+    assert report.status == ENGINE_FAILED
+    assert report.info["failed"] == reasons
+    assert sorted(ended) == sorted([*NAMES, "analytic", "reference"])
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_disagreement_outranks_a_failure(hexapod: Scene, short: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_models = run_module.write_models
+    monkeypatch.setattr(
+        run_module,
+        "write_models",
+        lambda scene: {name: t.replace('value="27.3"', 'value="27.4"') for name, t in write_models(scene).items()},
+    )
+    report = run(hexapod, short, ["pinocchio", "raises"])
+    assert set(report.agreement["verdict"]) == {"pass", "fail", "error"}
+    assert report.status == 1
+
+
+def test_results_come_in_the_order_of_the_engines(hexapod: Scene, short: Trajectory) -> None:
+    report = run(hexapod, short, ["mujoco", "analytic", "mujoco", "reference"])
+    assert list(report.results) == ["mujoco", "analytic", "reference"]
+    assert all(isinstance(r, DynamicsResult) for r in report.results.values())
+    assert report.status == 0
+
+
+def test_unknown_engines_are_refused() -> None:
+    with pytest.raises(UnknownEngine, match="--engine: got an unknown engine 'ode', expected one of analytic, dart"):
+        choose_engines(["mujoco", "ode"])
+
+
+def test_the_reference_always_runs() -> None:
+    assert list(choose_engines(["dart"])) == ["dart", "reference"]
+    assert list(choose_engines([])) == ["analytic", "dart", "mujoco", "pinocchio", "reference"]
+
+
+@pytest.mark.parametrize(("N", "kind"), [(5, "overdetermined"), (7, "underdetermined")])
+def test_other_numbers_of_legs_are_refused(N: int, kind: str, hexapod: Scene) -> None:
+    data = hexapod.model_dump(by_alias=True)
+    for part in ("platform", "hull"):
+        data[part]["pins"] = (*data[part]["pins"], (0.1, 0.0, 0.5))[:N]
+    with pytest.raises(SceneError, match=f"hull.pins: got {N} legs, expected 6: nv = {3 * N + 6}.*{kind}"):
+        require_determinate(Scene.model_validate(data))
