@@ -9,14 +9,14 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from ..models import SceneError, load_scene, scene_names, write_models
 from ..reports import OutputError, print_verdict, require_free, write_files, write_run
-from . import engine as engines_
 from .compare import Failure
-from .engine import DynamicsResult, UnknownEngine
-from .run import require_determinate
+from .engine import DynamicsResult, UnknownEngine, engine_version
+from .run import choose_engines, require_determinate
 from .run import run as run_scene
 from .trajectory import TrajectoryError, from_file, from_scene
 
@@ -104,7 +104,7 @@ def run(
         highlight=False,
         markup=False,
     )
-    if truth["samples"] < truth["of"]:
+    if 0 < truth["samples"] < truth["of"]:
         console.print(
             f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst"
             " conditioned among them; errors are taken there",
@@ -144,9 +144,11 @@ def scenes() -> int:
 def engines() -> int:
     """List the engines, their routes and installed versions."""
     table = Table("engine", "route", "package", "version")
-    for name in engines_.engine_names():
-        e = engines_.load_engine(name)
-        table.add_row(name, e.route, e.package, engines_.engine_version(e) or "[red]missing[/]")
+    for name, e in choose_engines([]).items():
+        if isinstance(e, Failure):
+            table.add_row(name, "-", "-", f"[red]{escape(e.reason)}[/]")
+        else:
+            table.add_row(name, e.route, e.package, engine_version(e) or "[red]missing[/]")
     _console().print(table)
     return 0
 

@@ -165,7 +165,7 @@ def test_an_empty_folder_is_used_as_it_is(tmp_path: Path) -> None:
 def test_the_current_folder_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(Path("."))
-    assert {entry.name for entry in os.scandir()} == NAMES
+    assert names(tmp_path) == NAMES
 
 
 def test_a_link_to_an_empty_folder_stays_a_link(tmp_path: Path) -> None:

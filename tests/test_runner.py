@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from stewart_crosscheck.crosscheck import run as run_module
@@ -113,6 +116,28 @@ def test_results_come_in_the_order_of_the_engines(hexapod: Scene, short: Traject
     assert list(report.results) == ["mujoco", "analytic", "reference"]
     assert all(isinstance(r, DynamicsResult) for r in report.results.values())
     assert report.status == 0
+
+
+@pytest.mark.parametrize("package", ["mujoco", "flint"])
+def test_a_missing_package_is_reported_by_the_command(package: str, tmp_path: Path) -> None:
+    """One engine lacks its package: its rows say so, the others are compared; without truth nothing can be."""
+    (tmp_path / f"{package}.py").write_text(f"raise ModuleNotFoundError({f'No module named {package}'!r})")
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "--samples", "3", "--out", "out"]
+    done = subprocess.run(
+        [*argv, "--engine", "mujoco", "--engine", "analytic"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    assert f"No module named {package}" in done.stdout
+    rows = pd.read_csv(tmp_path / "out" / "agreement.csv").groupby("engine")["verdict"].agg(set).to_dict()
+    if package == "flint":
+        assert rows == {"mujoco": {"error"}, "analytic": {"error"}, "reference": {"error"}}
+    else:
+        assert rows == {"mujoco": {"error"}, "analytic": {"pass"}, "reference": {"pass"}}
 
 
 def test_unknown_engines_are_refused() -> None:

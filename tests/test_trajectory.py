@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stewart_crosscheck import analytic
-from stewart_crosscheck.crosscheck import trajectory as module
+from stewart_crosscheck.crosscheck import quaternions
 from stewart_crosscheck.crosscheck.trajectory import (
     POSE,
     RATES,
@@ -161,21 +161,21 @@ def _jump() -> float:
     """Largest change of (q, q', q'') across the switch from series to closed form at |x|^2 = 1e-2."""
     axis = np.array([[2.0, -3.0, 6.0]]) / 7.0
     dx, ddx = np.array([[1.3, 0.4, -0.7]]), np.array([[-2.1, 0.9, 3.3]])
-    below, above = (module._exponential((0.1 * s * axis, dx, ddx)) for s in (1 - 1e-13, 1 + 1e-13))
+    below, above = (quaternions.exponential((0.1 * s * axis, dx, ddx)) for s in (1 - 1e-13, 1 + 1e-13))
     return max(float(np.abs(a - b).max()) for a, b in zip(below, above, strict=True))
 
 
 def test_rotation_vector_is_continuous_where_series_and_closed_form_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     # 1e-13: the two points lie 2e-14 apart; the closed S'' loses 1e-12 by cancellation, times (|x|^2)'^2 = 1e-2
     assert _jump() < 1e-13
-    monkeypatch.setattr(module, "_SERIES", [series[:2] for series in module._SERIES])
+    monkeypatch.setattr(quaternions, "SERIES", [series[:2] for series in quaternions.SERIES])
     assert _jump() > 1e-9  # two terms are too few, and the check sees it
 
 
 def test_series_of_the_rotation_vector_at_zero() -> None:
     """At x = 0: q = 1, q' = x'/2, q'' = x''/2 - |x'|^2/4 in the scalar part."""
     dx, ddx = np.array([[1.3, 0.4, -0.7]]), np.array([[-2.1, 0.9, 3.3]])
-    q, dq, ddq = module._exponential((np.zeros((1, 3)), dx, ddx))
+    q, dq, ddq = quaternions.exponential((np.zeros((1, 3)), dx, ddx))
     np.testing.assert_array_equal(q, [[1.0, 0.0, 0.0, 0.0]])
     np.testing.assert_array_equal(dq, np.hstack([[[0.0]], dx / 2]))
     # 1e-15: two roundings
