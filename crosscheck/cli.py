@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +21,7 @@ from .run import choose_engines, require_determinate
 from .run import run as run_scene
 from .trajectory import TrajectoryError, from_file, from_scene
 
-UNUSABLE, INTERNAL = 2, 4
+UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
 
 SAMPLES = 201
 MOST_SAMPLES = 1_000_000
@@ -159,8 +160,11 @@ def _say(message: str) -> None:
 
 def main() -> None:
     """Entry point: runs a command and turns errors into exit statuses."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as after Ctrl-C
     try:
         status = app(args=sys.argv[1:] or ["--help"], standalone_mode=False)
+        if status == INTERRUPTED:
+            _say("interrupted; nothing was written")
     except (SceneError, TrajectoryError, UnknownEngine, OutputError) as e:
         _say(str(e))
         status = UNUSABLE

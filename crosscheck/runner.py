@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, as_completed
 from pathlib import Path
+from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
@@ -45,6 +48,19 @@ def _work(
             return Failure(f"{type(e).__name__}: {e}")
 
 
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes started here ignore Ctrl-C, which a terminal sends to all: this process gets it and ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals belong to the main thread
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _last_line(log: str) -> str:
     try:
         lines = Path(log).read_text(errors="replace").strip().splitlines()
@@ -74,23 +90,23 @@ def run_engines(
     """Results by name, in the order of `names`; `done` is called as each engine ends."""
     limit = SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)
     results: dict[str, DynamicsResult | Failure] = {}
-    workers = min(len(names), os.cpu_count() or 1)
-    # A spawned process shares nothing with this one; max_tasks: one engine each.
-    with (
-        tempfile.TemporaryDirectory(prefix="crosscheck-") as folder,
-        ProcessPool(max_workers=workers, max_tasks=1, context=multiprocessing.get_context("spawn")) as pool,
-    ):
-        logs = {name: str(Path(folder) / name) for name in names}
-        futures: dict[Future, str] = {
-            pool.schedule(_work, args=(name, scene, models, trajectory, logs[name]), timeout=limit): name
-            for name in names
-        }
-        try:
+    # A spawned process shares nothing with this one. One pool each: no worker is used twice or started in vain.
+    spawn = multiprocessing.get_context("spawn")
+    pools = {name: ProcessPool(max_workers=1, context=spawn) for name in names}
+    try:
+        with tempfile.TemporaryDirectory(prefix="crosscheck-") as folder:
+            logs = {name: str(Path(folder) / name) for name in names}
+            with _interrupts_ignored():
+                futures: dict[Any, str] = {
+                    pool.schedule(_work, args=(name, scene, models, trajectory, logs[name]), timeout=limit): name
+                    for name, pool in pools.items()
+                }
             for future in as_completed(futures):
                 name = futures[future]
                 results[name] = _outcome(future, logs[name], limit)
                 done(name, results[name])
-        except BaseException:
-            pool.stop()
-            raise
+    finally:
+        for pool in pools.values():
+            pool.stop()  # also what still runs after an interrupt
+            pool.join()
     return {name: results[name] for name in names}

@@ -45,7 +45,7 @@ def test_imports_go_one_way(path: Path) -> None:
     formulas = {u for u in used if u.startswith("analytic")}
     if name.startswith("crosscheck") and name not in MAY_IMPORT_FORMULAS:
         assert not formulas, "only the analytic engine and the trajectory may import formulas"
-    if name == "crosscheck/engines/reference_.py":
+    if name in ("crosscheck/engines/reference_.py", "crosscheck/newton_euler.py", "crosscheck/balls.py"):
         assert not {u for u in used if "trajectory" in u}, "the reference does its own kinematics"
 
 
@@ -61,7 +61,7 @@ def test_the_reader_of_imports_sees_every_form(tmp_path: Path) -> None:
 
 def test_every_module_of_moderate_length() -> None:
     """Only the formulas may be long."""
-    long = {p.name: n for p in sources() if (n := len(p.read_text().splitlines())) > 350}
+    long = {p.name: n for p in sources() if (n := len(p.read_text().splitlines())) > 300}
     assert set(long) <= {"stewart.py"}
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from stewart_crosscheck.analytic import stewart
 from stewart_crosscheck.crosscheck import run as run_module
 from stewart_crosscheck.crosscheck import runner
 from stewart_crosscheck.crosscheck.compare import Failure
@@ -109,6 +113,55 @@ def test_a_disagreement_outranks_a_failure(hexapod: Scene, short: Trajectory, mo
     report = run(hexapod, short, ["pinocchio", "raises"])
     assert set(report.agreement["verdict"]) == {"pass", "fail", "error"}
     assert report.status == 1
+
+
+@pytest.mark.usefixtures("plugins")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_writes_nothing_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "--samples", "3", "--out", "out"]
+    running = subprocess.Popen(
+        [*argv, "--engine", "hang", "--engine", "analytic"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "TMPDIR": str(tmp_path)},
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert running.stderr is not None
+    ended = {running.stderr.readline().split()[0], running.stderr.readline().split()[0]}
+    assert ended == {"analytic", "reference"}
+    os.killpg(running.pid, number)  # as a terminal does: to all processes of the run
+    _, rest = running.communicate(timeout=20)
+    assert (running.returncode, rest) == (130, "crosscheck: interrupted; nothing was written\n")
+    assert sorted(p.name for p in tmp_path.iterdir() if p.name != "__pycache__") == [
+        "failing_engines-1.0.dist-info",
+        "failing_engines.py",
+    ]
+    deadline = time.monotonic() + 10  # the resource tracker of multiprocessing follows a moment later
+    while _alive(running.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(running.pid)
+
+
+def _alive(group: int) -> list[str]:
+    """Processes of a group that are not just waiting to be reaped."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            name, fields = stat.read_text().rsplit(")", 1)
+            state, _, pgrp = fields.split()[:3]
+            if int(pgrp) == group and state != "Z":
+                found.append(name)
+    return found
+
+
+def test_an_engine_starts_from_a_clean_interpreter(
+    hexapod: Scene, short: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What happens to modules of this process does not reach an engine: the process is spawned, not forked."""
+    monkeypatch.setattr(stewart, "inertia", lambda leg, q_s: (0.0, 0.0, 0.0))
+    assert run(hexapod, short, ["analytic"]).status == 0
 
 
 def test_results_come_in_the_order_of_the_engines(hexapod: Scene, short: Trajectory) -> None:
