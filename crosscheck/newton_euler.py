@@ -47,12 +47,10 @@ def _angular_momentum_rate(body: _Turning, J: tuple[arb, arb, arb]) -> Vector:
 class _Leg:
     """A leg at one instant: geometry, and what Newton and Euler say of each body before any force acts at the tip."""
 
-    tip: Jet
     r: Vector
     L: Jet
     frame: _Turning
     y_r: Vector
-    base_rate: arb
     F_s: Vector
     F_n: Vector
     F_o: Vector
@@ -149,28 +147,30 @@ class Sample:
             dot(frame.omega, plus(dH_s, dH_n)),
             dot(base.omega, dH_o),
         )
-        return _Leg(tip, r[0], L, frame, y_r[0], base.omega[1], F_s, F_n, F_o, dH_s, M_n, M_o, power)
+        return _Leg(r[0], L, frame, y_r[0], F_s, F_n, F_o, dH_s, M_n, M_o, power)
 
-    def solve(self) -> dict[str, list]:
-        """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
-        platform = self.scene.platform
-        load = self.scene.load
+    def _platform(self) -> tuple[Vector, Vector, arb]:
+        """What the legs must exert on the platform (force, moment about C_p), and the power that takes."""
+        platform, load = self.scene.platform, self.scene.load
         force = vector(load.force) if load else vector((0, 0, 0))
         moment = vector(load.moment) if load else vector((0, 0, 0))
         point = self._turned(vector(load.point) if load else vector((0, 0, 0)))
 
         I_p = [vector(row) for row in platform.inertia]
-        columns = [tuple(row[j] for row in self.R) for j in range(3)]  # the platform's axes in the world
+        columns = [(self.R[0][j], self.R[1][j], self.R[2][j]) for j in range(3)]  # the platform's axes in the world
 
         def tensor(v: Vector) -> Vector:
-            return apply(self.R, apply(I_p, apply(columns, v)))  # type: ignore[arg-type]
+            return apply(self.R, apply(I_p, apply(columns, v)))
 
         H = tensor(self.omega)
         dH = plus(tensor(self.alpha), cross(self.omega, H))
         inertial = times(arb(platform.mass), minus(self.C[2], self.g))
-        right_F = minus(inertial, force)
-        right_M = minus(dH, plus(moment, cross(point[0], force)))
+        spent = dot(self.C[1], minus(inertial, force)) + dot(self.omega, minus(dH, moment)) - dot(point[1], force)
+        return minus(inertial, force), minus(dH, plus(moment, cross(point[0], force))), spent
 
+    def solve(self) -> dict[str, list]:
+        """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
+        right_F, right_M, spent = self._platform()
         # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 give two components of F_r; along y_n it is free.
         known, along = [], []
         for leg in self.legs:
@@ -188,8 +188,6 @@ class Sample:
         free = A.solve(arb_mat(6, 1, [*right_F, *right_M]))
 
         out: dict[str, list] = {name: [] for name in ("F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o", "L", "dL")}
-        spent = -dot(self.C[1], force) - dot(self.omega, moment) - dot(point[1], force)
-        spent = spent + dot(self.C[1], inertial) + dot(self.omega, dH)
         for i, leg in enumerate(self.legs):
             y = leg.frame.axes[1][0]
             reactions = leg.reactions(self.a, plus(known[i], times(free[i, 0], y)))
