@@ -13,7 +13,7 @@ from .solve import LIMIT, SingularPose, solve_samples
 from .stewart import LegState, NotDeterminate, Parameters, PlatformMotion
 
 BLOCK = 2048
-"""Samples per block: temporaries stay in cache and below the allocator's threshold."""
+"""Samples per block, which keeps temporaries small."""
 
 
 @dataclass(frozen=True)

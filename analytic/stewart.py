@@ -178,7 +178,8 @@ def apply_transposed(A: Sequence[Vector], b: Vector) -> Vector:
 
 # --- Inverse kinematics of a leg: (9), (18), (19), (31) and their time derivatives ------------------------------------
 
-# A vertical leg (l_x = l_z = 0) has no base angle of its own; this length [m], far below any rounding, makes it 0.
+# A vertical leg (l_x = l_z = 0) has no base angle of its own; this length [m] makes it 0. Floats never see it, balls
+# only beyond 490 bits.
 VERTICAL = 1e-150
 
 
@@ -346,7 +347,7 @@ def joint_reaction_r(k: LegState, loads: Loads, X: Scalar) -> Vector:
     return in_world(k, -loads.M_in / k.L, -X, loads.M_io_s / k.L)
 
 
-# --- Statement 2: driving forces, (7)-(17) ----------------------------------------------------------------------------
+# --- Statement 2: driving forces, (7)-(15) ----------------------------------------------------------------------------
 
 
 def platform_momentum_rate(P: Parameters, motion: PlatformMotion) -> Vector:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -15,10 +16,10 @@ from rich.table import Table
 
 from ..models import SceneError, load_scene, scene_names, write_models
 from ..reports import OutputError, print_verdict, require_free, write_files, write_run
-from .compare import Failure
-from .engine import DynamicsResult, UnknownEngine, engine_version
+from .engine import DynamicsResult, Failure, UnknownEngine, engine_version
 from .run import choose_engines, require_determinate
 from .run import run as run_scene
+from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
 from .trajectory import TrajectoryError, from_file, from_scene
 
 UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
@@ -64,7 +65,7 @@ def run(
         list[str] | None, typer.Option(help="Engine to run; may be repeated. Default: all. The reference always runs.")
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option(help="CSV file of platform poses, or poses with twists and accelerations.")
+        Path | None, typer.Option(help="CSV file: poses, twists and accelerations, or poses alone (rates by splines).")
     ] = None,
     samples: Annotated[
         int | None,
@@ -94,17 +95,27 @@ def run(
 
         report = run_scene(loaded, motion, engine or (), done)
         folder = out or Path("runs") / report.info["run_id"]
+        progress.print(f"writing {folder}", highlight=False, markup=False, soft_wrap=True)
         write_run(folder, report.agreement, report.samples(), report.info)
 
     console = _console()
     facts, truth = report.info["trajectory"], report.info["truth"]
     console.print(
         f"{loaded.name}: {len(loaded.bodies)} moving bodies, nv = {loaded.nv} = {loaded.na} + {loaded.nc};"
-        f" {motion.source}, {facts['samples']} samples, condition up to {facts['max_condition']:.3g},"
-        f" sin q_n down to {facts['min_sin_q_n']:.3g}",
+        f" {motion.source}, {facts['samples']} samples\ncondition up to {facts['max_condition']:.3g}, sin q_n down to"
+        f" {facts['min_sin_q_n']:.3g}, accelerations up to {facts['max_acceleration']:.3g} m/s^2 and"
+        f" {facts['max_angular_acceleration']:.3g} rad/s^2",
         highlight=False,
         markup=False,
     )
+    if facts["wider_samples"]:
+        console.print(
+            f"the tolerance of forces and moments is wider at {facts['wider_samples']} of {facts['samples']} samples"
+            f" (condition above {EASY_CONDITION:g} or sin q_n below {EASY_SIN_Q_N:g}), up to"
+            f" {facts['widest_tolerance']:.1e}",
+            highlight=False,
+            style="yellow",
+        )
     if 0 < truth["samples"] < truth["of"]:
         console.print(
             f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst"
@@ -155,12 +166,14 @@ def engines() -> int:
 
 
 def _say(message: str) -> None:
-    print(f"crosscheck: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # stderr may be closed or full: the exit status still tells
+        print(f"crosscheck: {message}", file=sys.stderr, flush=True)
 
 
 def main() -> None:
     """Entry point: runs a command and turns errors into exit statuses."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as after Ctrl-C
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # clean up as after Ctrl-C
     try:
         status = app(args=sys.argv[1:] or ["--help"], standalone_mode=False)
         if status == INTERRUPTED:
@@ -171,12 +184,11 @@ def main() -> None:
     except typer.TyperException as e:
         _say(f"{e.format_message()} (see --help)")
         status = UNUSABLE
+    except OSError as e:
+        _say(f"cannot write to the terminal: {e.strerror or e}")
+        status = INTERNAL
     except Exception:
         _say("internal error, please report it with the lines below")
         Console(stderr=True).print_exception()
         status = INTERNAL
     sys.exit(status)
-
-
-if __name__ == "__main__":
-    main()

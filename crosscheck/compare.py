@@ -10,8 +10,8 @@ import pandas as pd
 
 from ..models.scene import Scene
 from .balance import balance
-from .engine import LOOPS, REFERENCE, DynamicsResult, Engine, quantity
-from .tolerance import RADIUS, Tolerance, closure, round_off
+from .engine import LOOPS, REFERENCE, DynamicsResult, Engine, Failure, quantity
+from .tolerance import CLOSURE, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
 from .trajectory import Trajectory
 
 PASS, FAIL, ERROR = "pass", "fail", "error"
@@ -20,13 +20,6 @@ UNITS = {"F": "N", "M": "N m", "loop_pos": "m", "loop_vel": "m/s", "loop_acc": "
 
 BLOCK = 2000
 """Trajectory rows per block of the samples table."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An engine that did not run, and why."""
-
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -85,27 +78,43 @@ def _errors(
         return np.stack(list(residual.values()), axis=1), list(residual)
     if name in LOOPS:
         return np.linalg.norm(result.loops[name], axis=2), legs
-    if result.radius:
+    if result is truth:
         return np.linalg.norm(quantity(scene, name, result.radius["F"], result.radius["reactions"]), axis=2), legs
     want = quantity(scene, name, truth.F, truth.reactions)
     got = quantity(scene, name, result.F, result.reactions)[truth.samples]
     return np.linalg.norm(got - want, axis=2), legs
 
 
-def _judge(errors: np.ndarray, where: Sequence[str], t: np.ndarray, scale: float, tolerance: Tolerance) -> dict:
-    """One row's numbers and verdict. A NaN never passes."""
+def _judge(
+    errors: np.ndarray, where: Sequence[str], t: np.ndarray, scale: float, tolerance: Tolerance, wider: np.ndarray
+) -> dict:
+    """One row's numbers and verdict; each sample is held to its own tolerance. A NaN never passes."""
+    share = errors / (scale * tolerance.value * wider[:, None])
+    passed = bool((share <= 1.0).all())
+    sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors if passed else share)), errors.shape))
     max_abs = float(np.max(errors))  # NaN if any is
-    sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors)), errors.shape))
+    hard = wider[sample] > 1.0
     return {
         "max_abs": max_abs,
         "rms": float(np.sqrt(np.mean(errors**2))),
         "max_rel": max_abs / scale,
         "scale": scale,
-        "tolerance": tolerance.value,
-        "tolerance_name": tolerance.name,
-        "verdict": PASS if max_abs / scale <= tolerance.value else FAIL,
+        "tolerance": tolerance.value * float(wider[sample]),
+        "tolerance_name": tolerance.name + ("_ill_conditioned" if hard else ""),
+        "verdict": PASS if passed else FAIL,
         "where": f"{where[column]}, t = {t[sample]:.6g} s",
     }
+
+
+def _tolerance(name: str, certified: bool, trajectory: Trajectory) -> tuple[Tolerance, np.ndarray]:
+    """Tolerance of a quantity and how much wider it is at each sample of the trajectory."""
+    if certified:
+        return RADIUS, np.ones(len(trajectory.t))
+    if name == "balance":  # a backward error: it does not grow with the condition
+        return ROUND_OFF, np.ones(len(trajectory.t))
+    if name in LOOPS:
+        return CLOSURE, of_loops(trajectory.sin_q_n, LOOPS.index(name))
+    return ROUND_OFF, of_forces(trajectory.condition, trajectory.sin_q_n)
 
 
 def agreement(
@@ -119,7 +128,6 @@ def agreement(
     truth = results[REFERENCE]
     rows: list[dict] = []
     size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None
-    forces, loops = round_off(trajectory.condition, trajectory.sin_q_n), closure(trajectory.sin_q_n)
     for name, engine in engines.items():
         result = results[name]
         known = None if isinstance(engine, Failure) else engine
@@ -142,10 +150,10 @@ def agreement(
             elif not isinstance(truth, DynamicsResult) or size is None:
                 row["reason"] = "no certified truth to compare with"
             else:
-                tolerance = RADIUS if result.radius else loops if q in LOOPS else forces
-                t = trajectory.t if q in (*LOOPS, "balance") else trajectory.t[truth.samples]
+                rows_ = slice(None) if q in (*LOOPS, "balance") else truth.samples
+                tolerance, wider = _tolerance(q, name == REFERENCE, trajectory)
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                row |= _judge(errors, where, t, size.of(q), tolerance)
+                row |= _judge(errors, where, trajectory.t[rows_], size.of(q), tolerance, wider[rows_])
                 row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)

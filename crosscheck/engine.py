@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from ..models.scene import Scene
-from . import engines
+from . import engines, wrench
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -61,6 +61,13 @@ class DynamicsResult:
     seconds: float = float("nan")
 
 
+@dataclass(frozen=True)
+class Failure:
+    """An engine that did not run, and why."""
+
+    reason: str
+
+
 class Engine(Protocol):
     """Protocol of an engine."""
 
@@ -80,6 +87,13 @@ class Engine(Protocol):
         ...
 
 
+def by_joint(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Reactions (nt, nj, 6) in the order of `scene.joints` from forces and moments (nt, N, 3) by name."""
+    zero = np.zeros_like(values["F_r"])
+    parts = [(values[j.moment] if j.moment else zero, values[j.force], j.leg - 1) for j in scene.joints]
+    return np.stack([wrench.from_parts(M[:, leg], F[:, leg]) for M, F, leg in parts], axis=1)
+
+
 def quantity(scene: Scene, name: str, F: np.ndarray, reactions: np.ndarray) -> np.ndarray:
     """One quantity leg by leg from driving forces and reactions: (nt, N, 1) for F, else (nt, N, 3)."""
     if name == "F":
@@ -89,22 +103,24 @@ def quantity(scene: Scene, name: str, F: np.ndarray, reactions: np.ndarray) -> n
     return reactions[:, index, part]
 
 
+def _files() -> list[str]:
+    return sorted(m.name.removesuffix("_") for m in pkgutil.iter_modules(engines.__path__) if m.name.endswith("_"))
+
+
 def engine_names() -> list[str]:
-    """Names of every engine, reference last: files in `engines`, then entry points."""
-    files = [m.name.removesuffix("_") for m in pkgutil.iter_modules(engines.__path__) if m.name.endswith("_")]
-    plugins = [e.name for e in entry_points(group=GROUP) if e.name not in files]
-    names = sorted(files, key=lambda n: (n == REFERENCE, n != "analytic", n)) + sorted(plugins)
-    return [n for n in names if n != REFERENCE] + [REFERENCE]
+    """Names of every engine: files in `engines`, then entry points under other names, the reference last."""
+    plugins = sorted({e.name for e in entry_points(group=GROUP)} - set(_files()))
+    return [*(name for name in _files() if name != REFERENCE), *plugins, REFERENCE]
 
 
 def load_engine(name: str) -> type[Engine]:
-    """Class of an engine. Raises UnknownEngine."""
-    if name not in engine_names():
-        raise UnknownEngine(f"got an unknown engine {name!r}, expected one of {', '.join(engine_names())}")
+    """Class of an engine; a built-in one cannot be replaced by an entry point. Raises UnknownEngine."""
+    if name in _files():
+        return importlib.import_module(f"{engines.__name__}.{name}_").ENGINE
     for plugin in entry_points(group=GROUP):
         if plugin.name == name:
             return plugin.load()
-    return importlib.import_module(f"{engines.__name__}.{name}_").ENGINE
+    raise UnknownEngine(f"got an unknown engine {name!r}, expected one of {', '.join(engine_names())}")
 
 
 def engine_version(engine: type[Engine]) -> str | None:
@@ -121,3 +137,33 @@ def require_finite(engine: str, **arrays: np.ndarray) -> None:
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             raise EngineError(f"{engine}: {name} is not finite at sample {bad[0][0]}")
+
+
+def require_complete(engine: type[Engine], scene: Scene, trajectory: Trajectory, result: object) -> None:
+    """Raise EngineError unless a result has everything that its engine declares, in the right shapes, all finite.
+
+    Only the reference speaks for some of the samples, and brings radii.
+    """
+    name = engine.name
+    if not isinstance(result, DynamicsResult):
+        raise EngineError(f"{name}: got {type(result).__name__}, expected a DynamicsResult")
+    nt, N, nj = len(trajectory.t), scene.N, len(scene.joints)
+    shapes = {"F": (nt, N), "reactions": (nt, nj, 6), "L": (nt, N), "dL": (nt, N)}
+    arrays = {key: getattr(result, key) for key in shapes}
+    if name == REFERENCE:
+        nt = len(result.samples)
+        shapes = {key: (nt, *shape[1:]) for key, shape in shapes.items()}
+        shapes |= {f"radius of {key}": shape for key, shape in shapes.items()}
+        arrays |= {f"radius of {key}": value for key, value in result.radius.items()}
+    elif result.radius or not np.array_equal(result.samples, np.arange(nt)):
+        raise EngineError(f"{name}: only the reference brings radii or leaves samples out")
+    wanted = [check for check in engine.checks if check in LOOPS]
+    shapes |= {loop: (nt, N, 3) for loop in wanted}
+    arrays |= dict(result.loops)
+    for key, shape in shapes.items():
+        got = np.shape(arrays[key]) if key in arrays else None
+        if got != shape:
+            raise EngineError(
+                f"{name}: {key}: got {'nothing' if got is None else f'shape {got}'}, expected shape {shape}"
+            )
+    require_finite(name, **{key: arrays[key] for key in shapes})

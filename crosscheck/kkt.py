@@ -17,6 +17,9 @@ from . import wrench
 from .engine import LOOPS, DynamicsResult, EngineError, engine_version, require_finite
 from .trajectory import Trajectory
 
+BLOCK = 2000
+"""Samples at a time: one block of matrices takes some 30 MB."""
+
 
 class State(NamedTuple):
     """Generalized coordinates, velocities and accelerations in an engine's own order: (nt, nq), (nt, nv), (nt, nv)."""
@@ -88,32 +91,39 @@ class KktEngine(ABC):
     def inverse_dynamics(self, trajectory: Trajectory) -> DynamicsResult:
         """Driving forces, joint reactions and loop residuals. Raises EngineError, never returns half an answer."""
         start = perf_counter()
-        scene = self.scene
         state = self.state(trajectory)
-        terms = self.terms(state)
-        actuated = [self.velocity_index(c) for j in scene.joints if j.actuated for c in j.coordinates]
-        F, multipliers = solve(self.name, terms.tau, terms.J, actuated)
-        cut = np.array([j.cut for j in scene.joints])
-        reactions = np.empty((len(F), len(cut), 6))
-        reactions[:, ~cut] = self.reactions(state, multipliers)
-        reactions[:, cut] = wrench.of_loop(multipliers)
-        gap_velocity = np.einsum("tij,tj->ti", terms.J, state.v).reshape(terms.gap.shape)
+        nt = len(state.q)
+        require_finite(self.name, q=state.q, v=state.v, a=state.a)
+        blocks = [self._block(State(*(x[i : i + BLOCK] for x in state))) for i in range(0, nt, BLOCK)]
+        F, reactions, L, dL, *gaps = (np.concatenate(column) for column in zip(*blocks, strict=True))
         loops: dict[str, np.ndarray] = {}
-        loops.update(zip(LOOPS, (terms.gap, gap_velocity, terms.gap_acceleration), strict=True))
-        require_finite(self.name, reactions=reactions, L=terms.L, dL=terms.dL, **loops)
+        loops.update(zip(LOOPS, gaps, strict=True))
         return DynamicsResult(
             engine=self.name,
             version=engine_version(type(self)) or "",
             route=self.route,
             setting=self.setting,
-            samples=np.arange(len(F)),
+            samples=np.arange(nt),
             F=F,
             reactions=reactions,
-            L=terms.L,
-            dL=terms.dL,
+            L=L,
+            dL=dL,
             loops=loops,
             seconds=perf_counter() - start,
         )
+
+    def _block(self, state: State) -> tuple[np.ndarray, ...]:
+        """F, reactions, L, dL and the gaps at position, velocity and acceleration level of some samples."""
+        terms = self.terms(state)
+        joints = self.scene.joints
+        actuated = [self.velocity_index(c) for j in joints if j.actuated for c in j.coordinates]
+        F, multipliers = solve(self.name, terms.tau, terms.J, actuated)
+        cut = np.array([j.cut for j in joints])
+        reactions = np.empty((len(F), len(cut), 6))
+        reactions[:, ~cut] = self.reactions(state, multipliers)
+        reactions[:, cut] = wrench.of_loop(multipliers)
+        gap_velocity = np.einsum("tij,tj->ti", terms.J, state.v).reshape(terms.gap.shape)
+        return F, reactions, terms.L, terms.dL, terms.gap, gap_velocity, terms.gap_acceleration
 
 
 def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -144,8 +154,10 @@ def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> t
     K = np.zeros((nt, nv, nv))
     K[:, actuated, range(na)] = 1.0
     K[:, :, na:] = J.transpose(0, 2, 1)
+    length = np.linalg.norm(K, axis=2, keepdims=True)  # rows of hinges are moments, rows of slides are forces
+    length[length == 0.0] = 1.0
     try:
-        x = np.linalg.solve(K, tau[..., None])[..., 0]
+        x = np.linalg.solve(K / length, tau[..., None] / length)[..., 0]
     except np.linalg.LinAlgError:
         raise EngineError(f"{engine}: the {nv} x {nv} matrix of actuators and loops is singular") from None
     require_finite(engine, forces=x)

@@ -19,9 +19,19 @@ import pandas as pd
 from ..models import write_models
 from ..models.scene import Scene, SceneError
 from . import compare
-from .compare import ERROR, FAIL, Failure
-from .engine import REFERENCE, DynamicsResult, Engine, UnknownEngine, engine_names, engine_version, load_engine
-from .runner import run_engines
+from .compare import ERROR, FAIL
+from .engine import (
+    REFERENCE,
+    DynamicsResult,
+    Engine,
+    Failure,
+    UnknownEngine,
+    engine_names,
+    engine_version,
+    load_engine,
+)
+from .processes import run_engines
+from .tolerance import ROUND_OFF, of_forces
 from .trajectory import Trajectory
 
 AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
@@ -61,6 +71,8 @@ def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
     for name in chosen:
         try:
             engines[name] = load_engine(name)
+        except ImportError as e:
+            engines[name] = Failure(f"missing package: {e}")
         except Exception as e:  # a plug-in that cannot even be imported is that engine's failure
             engines[name] = Failure(f"{type(e).__name__}: {e}")
     return engines
@@ -102,9 +114,13 @@ def run(
     started, start = datetime.now(UTC), perf_counter()
     run_id = f"{started:%Y%m%dT%H%M%SZ}-{scene.name}-{secrets.token_hex(2)}"
     able = [name for name, engine in chosen.items() if not isinstance(engine, Failure)]
+    for name, engine in chosen.items():
+        if isinstance(engine, Failure):
+            done(name, engine)
     found = run_engines(able, scene, write_models(scene), trajectory, done)
     results = {name: engine if isinstance(engine, Failure) else found[name] for name, engine in chosen.items()}
     table = compare.agreement(run_id, scene, trajectory, chosen, results)
+    wider = of_forces(trajectory.condition, trajectory.sin_q_n)
     info = {
         "run_id": run_id,
         "started": started.isoformat(),
@@ -112,13 +128,19 @@ def run(
         "command": sys.argv,
         "versions": _versions(chosen),
         "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
-        "scene": {"name": scene.name, "sha256": _sha256(scene.model_dump_json(by_alias=True).encode())},
+        "scene": {"name": scene.name, "sha256": scene.sha256},
         "trajectory": {
             "source": trajectory.source,
             "samples": len(trajectory.t),
-            "sha256": _sha256(trajectory.t.tobytes(), *(np.ascontiguousarray(x).tobytes() for x in trajectory.motion)),
+            "rows_sha256": _sha256(
+                trajectory.t.tobytes(), *(np.ascontiguousarray(x).tobytes() for x in trajectory.motion)
+            ),
             "max_condition": float(trajectory.condition.max()),
             "min_sin_q_n": float(trajectory.sin_q_n.min()),
+            "wider_samples": int((wider > 1.0).sum()),
+            "widest_tolerance": float(wider.max() * ROUND_OFF.value),
+            "max_acceleration": float(np.linalg.norm(trajectory.acceleration, axis=1).max()),
+            "max_angular_acceleration": float(np.linalg.norm(trajectory.angular_acceleration, axis=1).max()),
         },
         "truth": _truth(results[REFERENCE], len(trajectory.t)),
         "failed": {name: r.reason for name, r in results.items() if isinstance(r, Failure)},

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 from .. import analytic
 from ..analytic import PlatformMotion, SingularPose
 from ..analytic.solve import require_regular, row_scaled
-from ..models.scene import Scene
+from ..models.scene import Scene, printable
 from ..models.tables import LARGEST, Component
 from . import quaternions
 from .quaternions import Jet, rotation
@@ -91,6 +91,15 @@ def _sines(components: tuple[Component, Component, Component], t: np.ndarray) ->
     return x, dx, ddx
 
 
+def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
+    """A leg far shorter than its rod's tip or its lever on the platform is no leg, and q_s = L - a has no digits."""
+    least = 1e-3 * np.maximum(abs(scene.leg.a), np.linalg.norm(r, axis=2))
+    sample, leg = (int(i) for i in np.unravel_index(int(np.argmin(L / np.maximum(least, 1e-300))), L.shape))
+    if not L[sample, leg] > least[sample, leg]:
+        limit = f"expected more than {least[sample, leg]:.3g} m, a thousandth of a or of its lever on the platform"
+        raise SingularPose(sample, leg + 1, "length", float(L[sample, leg]), limit)
+
+
 def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Row-scaled condition of (7), (8) (NaN unless N = 6) and smallest sin q_n of each pose, both (nt,).
 
@@ -99,6 +108,7 @@ def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.
     r = np.einsum("tij,nj->tni", R, np.array(scene.platform.pins))
     l = position[:, None] - np.array(scene.hull.pins) + r
     L = np.linalg.norm(l, axis=2, keepdims=True)
+    _require_length(scene, r, L[..., 0])
     sin_q_n = np.hypot(l[..., 0], l[..., 2]) / L[..., 0]
     if scene.N != 6:
         return np.full(len(l), np.nan), sin_q_n.min(axis=1)
@@ -115,8 +125,8 @@ def _build(
     motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
     try:
         with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
-            k = analytic.inverse_kinematics(scene.parameters, motion)
-        condition, sin_q_n = conditioning(scene, p[0], motion.R)
+            condition, sin_q_n = conditioning(scene, p[0], motion.R)
+        k = analytic.inverse_kinematics(scene.parameters, motion)
     except SingularPose as e:
         raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: singular pose: {e}") from None
 
@@ -147,14 +157,14 @@ def from_scene(scene: Scene, samples: int = 201) -> Trajectory:
     return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *quaternions.angular(q))
 
 
-def _require_columns(path: Path, names: list[str]) -> None:
+def _require_columns(file: str, names: list[str]) -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     unknown = sorted(set(names) - {*POSE, *RATES})
     missing = [name for name in _wanted(names) if name not in names]
     for problem, columns in (("repeated", repeated), ("unknown", unknown), ("missing", missing)):
         if columns:
             raise TrajectoryError(
-                f"{path}: got {problem} columns {', '.join(map(repr, columns))}; expected {', '.join(POSE)} and, all or"
+                f"{file}: got {problem} columns {', '.join(map(repr, columns))}; expected {', '.join(POSE)} and, all or"
                 f" none, {', '.join(RATES)}"
             )
 
@@ -166,34 +176,35 @@ def _wanted(names: list[str]) -> tuple[str, ...]:
 
 def _read(path: Path) -> tuple[list[str], np.ndarray, list[int]]:
     """Column names, numbers (nt, columns) and line numbers of a CSV file."""
+    file = printable(path)
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as e:
-        raise TrajectoryError(f"{path}: got bytes that are no text (at {e.start}), expected a CSV file") from None
+        raise TrajectoryError(f"{file}: got bytes that are no text (at {e.start}), expected a CSV file") from None
     except (OSError, ValueError) as e:
-        raise TrajectoryError(f"{path}: {getattr(e, 'strerror', None) or e}, expected a readable CSV file") from None
+        raise TrajectoryError(f"{file}: {getattr(e, 'strerror', None) or e}, expected a readable CSV file") from None
     try:
         lines = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), 1) if row]
     except csv.Error as e:
-        raise TrajectoryError(f"{path}: got no CSV, expected a trajectory: {e}") from None
+        raise TrajectoryError(f"{file}: got no CSV, expected a trajectory: {e}") from None
     if not lines:
-        raise TrajectoryError(f"{path}: got an empty file, expected a header {', '.join(POSE)}, ...")
+        raise TrajectoryError(f"{file}: got an empty file, expected a header {', '.join(POSE)}, ...")
     names = [name.strip() for name in lines[0][1]]
-    _require_columns(path, names)
+    _require_columns(file, names)
     values = []
     for number, row in lines[1:]:
         if len(row) != len(names):
             raise TrajectoryError(
-                f"{path}: line {number}: got {len(row)} fields, expected {len(names)} as in the header"
+                f"{file}: line {number}: got {len(row)} fields, expected {len(names)} as in the header"
             )
         for name, cell in zip(names, row, strict=True):
             try:
-                value = float(cell)
+                value = float(cell.replace("_", "?"))  # Python alone would read 1_0 as 10
             except ValueError:
                 value = np.nan
             if not abs(value) <= LARGEST:
                 raise TrajectoryError(
-                    f"{path}: line {number}: {name}: got {cell.strip()!r}, expected a finite number up to {LARGEST:g}"
+                    f"{file}: line {number}: {name}: got {cell.strip()!r}, expected a finite number up to {LARGEST:g}"
                 )
             values.append(value)
     return names, np.array(values).reshape(-1, len(names)), [number for number, _ in lines[1:]]
@@ -211,11 +222,11 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
         Missing or unknown columns, no rows, text, values that are not finite, times that do not increase, quaternions
         that are not of length 1 within 1e-6, or a singular pose.
     """
-    path = Path(path)
-    names, table, lines = _read(path)
+    file = printable(path)
+    names, table, lines = _read(Path(path))
     wanted = _wanted(names)
     if not len(table):
-        raise TrajectoryError(f"{path}: got a header and no rows, expected at least one row")
+        raise TrajectoryError(f"{file}: got a header and no rows, expected at least one row")
     column = {name: table[:, j] for j, name in enumerate(names)}
     t, p, q, v, w, a, dw = (
         np.column_stack([column[name] for name in wanted[i:j]]) if j <= len(wanted) else np.empty(0)
@@ -226,20 +237,20 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
     if len(back):
         i = int(back[0])
         raise TrajectoryError(
-            f"{path}: line {lines[i + 1]}: t: got {float(t[i + 1])!r} after {float(t[i])!r}, expected increasing times"
+            f"{file}: line {lines[i + 1]}: t: got {float(t[i + 1])!r} after {float(t[i])!r}, expected increasing times"
         )
     length = np.linalg.norm(q, axis=1)
     wrong = np.flatnonzero(np.abs(length - 1.0) > 1e-6)
     if len(wrong):
         i = int(wrong[0])
         raise TrajectoryError(
-            f"{path}: line {lines[i]}: q_w, q_x, q_y, q_z: got length {length[i]:.9g}, expected 1 within 1e-6"
+            f"{file}: line {lines[i]}: q_w, q_x, q_y, q_z: got length {length[i]:.9g}, expected 1 within 1e-6"
         )
     if wanted is not POSE:
-        return _build(scene, f"{path}", t, (p, v, a), q, w, dw)
+        return _build(scene, f"{file}", t, (p, v, a), q, w, dw)
     if len(t) < SPLINE_ROWS:
         raise TrajectoryError(
-            f"{path}: got {len(t)} rows of poses alone, expected at least {SPLINE_ROWS} for the spline, or the columns"
+            f"{file}: got {len(t)} rows of poses alone, expected at least {SPLINE_ROWS} for the spline, or the columns"
             f" {', '.join(RATES)}"
         )
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
@@ -251,10 +262,10 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
             rates = (p, spline_p(t, 1), spline_p(t, 2))
     except (np.linalg.LinAlgError, ValueError) as e:
         raise TrajectoryError(
-            f"{path}: t: got steps too uneven for a quintic spline ({e}), expected even ones"
+            f"{file}: t: got steps too uneven for a quintic spline ({e}), expected even ones"
         ) from None
     wild = ~np.all([np.abs(x).max(axis=1) <= LARGEST for x in (*rates, *jet)], axis=0)
     if wild.any():
         line = lines[int(np.argmax(wild))]
-        raise TrajectoryError(f"{path}: line {line}: t: got rates beyond {LARGEST:g}, expected larger time steps")
-    return _build(scene, f"{path} (rates from quintic splines)", t, rates, jet[0], *quaternions.angular(jet))
+        raise TrajectoryError(f"{file}: line {line}: t: got rates beyond {LARGEST:g}, expected larger time steps")
+    return _build(scene, f"{file} (rates from quintic splines)", t, rates, jet[0], *quaternions.angular(jet))

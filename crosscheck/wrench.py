@@ -34,8 +34,22 @@ def of_loop(multiplier: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros_like(multiplier), multiplier], axis=-1)
 
 
+def on_both_ends(force_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A loop force as it acts on the child and, opposite, on the parent."""
+    return force_W, -force_W
+
+
+def to_pinocchio(
+    force_W: np.ndarray, moment_W: np.ndarray, point: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Force at a point (joint axes) and moment as Pinocchio's outside force: joint axes, about its origin."""
+    at_point = _rotate(R.T, from_parts(moment_W, force_W))
+    at_origin = shifted(at_point, point, np.zeros(3))
+    return at_origin[3:], at_origin[:3]
+
+
 def shifted(wrench: np.ndarray, point: np.ndarray, new_point: np.ndarray) -> np.ndarray:
-    """The same wrench, world axes, its moment taken about another point (..., 3)."""
+    """The same wrench, its moment taken about another point (..., 3)."""
     force = wrench[..., 3:]
     return np.concatenate([wrench[..., :3] + np.cross(point - new_point, force), force], axis=-1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -48,7 +49,7 @@ class Scene(Table):
     """A validated scene. Bodies and joints are listed by what the file holds: nothing else is modelled."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
-    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
     topology: Literal["spatial"]
     gravity: Vector = (0.0, -9.81, 0.0)
     leg: LegTable
@@ -71,11 +72,17 @@ class Scene(Table):
         return self
 
     _source: str = PrivateAttr("")
+    _sha256: str = PrivateAttr("")
 
     @property
     def source(self) -> str:
         """The file it came from, for error messages."""
         return self._source or self.name
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the file's text."""
+        return self._sha256 or hashlib.sha256(self.model_dump_json(by_alias=True).encode()).hexdigest()
 
     @property
     def N(self) -> int:
@@ -172,7 +179,7 @@ def _explain(error: ValidationError) -> list[str]:
         elif kind == "model_type":
             lines.append(f"{field}: got {_show(e['input'])}, expected a table")
         elif kind == "string_pattern_mismatch":
-            lines.append(f"{field}: got {_show(e['input'])}, expected a letter, then letters, digits, _ and -")
+            lines.append(f"{field}: got {_show(e['input'])}, expected a letter, then up to 63 letters, digits, _ and -")
         elif kind == "value_error":
             reason = str(e.get("ctx", {})["error"])
             lines.append(f"{field}.{reason}" if field else reason)
@@ -194,6 +201,11 @@ def _refuse_unsupported(data: dict[str, Any], source: str) -> None:
         raise SceneError(f"{source}: topology: got 'planar', expected 'spatial' (planar scenes are not supported yet)")
 
 
+def printable(path: str | Path) -> str:
+    """A path for messages and tables: bytes that are no text are spelled out."""
+    return str(path).encode("utf-8", "backslashreplace").decode()
+
+
 def parse_scene(text: str, source: str) -> Scene:
     """Scene from TOML text; `source` names it in errors. Raises SceneError."""
     try:
@@ -207,7 +219,7 @@ def parse_scene(text: str, source: str) -> Scene:
         scene = Scene.model_validate(data)
     except ValidationError as e:
         raise SceneError("\n".join(f"{source}: {line}" for line in _explain(e))) from None
-    scene._source = source
+    scene._source, scene._sha256 = source, hashlib.sha256(text.encode()).hexdigest()
     return scene
 
 
@@ -229,7 +241,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     SceneError
         Unknown name, unreadable file, broken TOML, or values that describe no mechanism.
     """
-    name = str(name_or_path)
+    name = printable(name_or_path)
     if name in scene_names():
         text = (_folder() / f"{name}.toml").read_text(encoding="utf-8")
         return parse_scene(text, f"{name}.toml")

@@ -22,7 +22,7 @@ class Table(BaseModel):
 
 
 class Base(Table):
-    """Base of a leg: mass [kg], J_z [kg m^2] about its hinge axis y_r, on which its centre of mass lies."""
+    """Base of a leg: mass [kg], J_z [kg m^2] about its hinge axis y_r; its centre of mass is at O_o."""
 
     mass: Positive
     J_z: Positive

@@ -64,8 +64,12 @@ def _whole(folder: Path) -> Iterator[Path]:
         try:
             _publish(staging, path)
         except OSError:
-            kept = staging.with_name(staging.name.removeprefix("."))
-            staging.rename(kept)
+            kept = path.with_name(staging.name.removeprefix("."))
+            try:
+                staging.rename(kept)
+            except OSError:  # beside a mount lies another file system
+                kept = staging.with_name(kept.name)
+                staging.rename(kept)
             raise OutputError(
                 f"--out {folder}: another run filled it meanwhile; the results of this one are in {kept}"
             ) from None

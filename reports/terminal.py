@@ -17,18 +17,14 @@ def _cell(row: pd.Series) -> str:
     return f"[{_STYLE[row['verdict']]}]{text}[/]"
 
 
-def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
-    """Print max_rel of every quantity and engine, then what failed, where, and the verdict.
-
-    `agreement` has the published columns and `where`, `reason`. The certified column gives proven radii.
-    """
-    table = Table(title="largest error over scale (certified: proven radius over scale)", title_justify="left")
-    table.add_column("quantity")
-    table.add_column("scale", justify="right")
-    engines = agreement.drop_duplicates("engine")
+def _table(agreement: pd.DataFrame, engines: pd.DataFrame) -> Table:
+    """Quantities down, some of the engines across."""
+    table = Table()
+    table.add_column("quantity", no_wrap=True)
+    table.add_column("scale", justify="right", no_wrap=True)
     for _, e in engines.iterrows():
         name = e["engine"] + (f" {e['engine_version']}" if e["engine_version"] else "")
-        table.add_column(f"{name}\n[dim]{e['route'] or '-'}[/]", justify="right")
+        table.add_column(f"{name}\n[dim]{e['route'] or '-'}[/]", justify="right", no_wrap=True)
     for quantity, rows in agreement.groupby("quantity", sort=False):
         by_engine = rows.set_index("engine")
         scale = rows["scale"].dropna()
@@ -37,11 +33,32 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
             f"{scale.iloc[0]:.4g} {rows['unit'].iloc[0]}" if len(scale) else "-",
             *(_cell(by_engine.loc[name]) if name in by_engine.index else "" for name in engines["engine"]),
         )
-    console.print(table)
+    return table
+
+
+def _print_tables(agreement: pd.DataFrame, engines: pd.DataFrame, console: Console) -> None:
+    """One table, or as many as a narrow terminal needs: numbers are never cut."""
+    table = _table(agreement, engines)
+    table.width = console.measure(table, options=console.options.update(max_width=1000)).maximum
+    if len(engines) > 1 and table.width > console.width:
+        half = (len(engines) + 1) // 2
+        _print_tables(agreement, engines[:half], console)
+        _print_tables(agreement, engines[half:], console)
+    else:
+        console.print(table, crop=False)
+
+
+def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
+    """Print max_rel of every quantity and engine, then what failed, where, and the verdict.
+
+    `agreement` has the published columns and `where`, `reason`. The certified column gives proven radii.
+    """
+    console.print("largest error over scale (certified: proven radius over scale)", highlight=False, style="italic")
+    _print_tables(agreement, agreement.drop_duplicates("engine"), console)
     for _, row in agreement[agreement["verdict"] == "fail"].iterrows():
         console.print(
             f"[bold red]FAIL[/] {row['engine']} {row['quantity']}:"
-            f" {row['max_rel']:.2e} of {row['scale']:.4g} {row['unit']}, allowed {row['tolerance']:.1e}"
+            f" {row['max_rel']:.2e} of {row['scale']:.4g} {row['unit']}, allowed {row['tolerance']:.1e} there"
             f" ({row['tolerance_name']}); worst at {row['where']}",
             highlight=False,
             soft_wrap=True,

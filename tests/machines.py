@@ -1,4 +1,8 @@
-"""Random hexapods without any symmetry, and a dense Newton-Euler that shares no code with formulas or reference."""
+"""Random hexapods without any symmetry, and a dense Newton-Euler.
+
+Its bodies and equations share nothing with formulas or reference; the joint coordinates, rates and accelerations come
+from the trajectory, as for the engines, and the certified reference is what covers those.
+"""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def run_with_formulas(folder: Path, old: str, new: str, *engines: str) -> tuple[
         shutil.copytree(ROOT / part, package / part, ignore=shutil.ignore_patterns("__pycache__"))
     text = package / "analytic" / "stewart.py"
     text.write_text(changed(text.read_text(), old, new))
-    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "--samples", "5", "--out", "out"]
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "--samples", "5", "--out", "out"]
     argv += [word for engine in engines for word in ("--engine", engine)]
     done = subprocess.run(
         argv, cwd=folder, env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True, text=True

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -17,11 +20,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import ENGINES
+from rich.console import Console
 
 from stewart_crosscheck.crosscheck import cli
 from stewart_crosscheck.crosscheck.engine import load_engine
 from stewart_crosscheck.crosscheck.trajectory import POSE, RATES, from_scene
 from stewart_crosscheck.models import Scene, scene_names, write_models
+from stewart_crosscheck.reports import print_verdict
 
 CROSSCHECK = Path(sysconfig.get_path("scripts")) / "crosscheck"
 HEXAPOD = (resources.files("stewart_crosscheck.models") / "scenes" / "hexapod.toml").read_text(encoding="utf-8")
@@ -216,8 +221,9 @@ def test_run_json_tells_versions_machine_seed_command_and_hashes(full: Run) -> N
     assert set(info["machine"]) == {"system", "processor", "cores"}
     assert info["truth"] == {"samples": 3, "of": 3, "seed": info["truth"]["seed"]}
     assert isinstance(info["truth"]["seed"], int)
-    for part in ("scene", "trajectory"):
-        assert re.fullmatch(r"[0-9a-f]{64}", info[part]["sha256"])
+    text = (resources.files("stewart_crosscheck.models") / "scenes" / "hexapod.toml").read_bytes()
+    assert info["scene"]["sha256"] == hashlib.sha256(text).hexdigest()
+    assert re.fullmatch(r"[0-9a-f]{64}", info["trajectory"]["rows_sha256"])
     assert (info["scene"]["name"], info["trajectory"]["samples"]) == ("hexapod", 3)
 
 
@@ -242,7 +248,7 @@ def test_a_trajectory_file_is_named_in_the_results(one: Run) -> None:
 
 
 def test_the_module_is_the_same_command(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "nothing"]
+    command = [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "nothing"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == tuple(crosscheck(tmp_path, "run", "nothing")[i] for i in (0, 2))
     assert done.returncode == 2
@@ -431,3 +437,46 @@ def test_a_reader_that_has_gone_is_no_error(tmp_path: Path) -> None:
     with process.stderr:
         err = process.stderr.read()
     assert (process.wait(timeout=60), err) == (0, "")
+
+
+def test_a_broken_installation_is_no_disagreement(tmp_path: Path) -> None:
+    (tmp_path / "pebble.py").write_text("raise ImportError('broken')")
+    done = subprocess.run(
+        [sys.executable, "-m", "stewart_crosscheck.crosscheck", "scenes"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 4
+    assert done.stderr == "crosscheck: internal error, broken installation: ImportError: broken\n"
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_no_number_is_cut_on_a_narrow_terminal(width: int, full: Run) -> None:
+    agreement = pd.read_csv(full.folder / "agreement.csv").assign(where="", reason="")
+    agreement["engine_version"] = agreement["engine_version"].fillna("")
+    text = io.StringIO()
+    print_verdict(agreement, Console(file=text, width=width))
+    rows = [line for line in text.getvalue().splitlines() if line.startswith("│")]
+    shown = [cell for row in rows for cell in re.findall(r" (\d\.\de[-+]\d\d|error) ", row)]
+    assert len(shown) == len(agreement)
+    assert {row.split()[1] for row in rows} == set(agreement["quantity"])
+
+
+def test_a_wider_tolerance_is_announced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    text = (resources.files("stewart_crosscheck.models") / "scenes" / "hexapod.toml").read_text()
+    scene = tmp_path / "close.toml"
+    # legs 2 and 5 nearly in one line
+    text = text.replace("[-0.211, -0.047, -0.287]", "[0.1311, -0.063, 0.317]").replace(
+        "[-0.197, -0.052, -0.612]", "[0.5382, -0.027, 0.7311]"
+    )
+    scene.write_text(text)
+    argv = ["crosscheck", "run", str(scene), "--engine", "analytic", "--samples", "2", "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", argv)
+    with pytest.raises(SystemExit) as e:
+        cli.main()
+    assert e.value.code == 0
+    assert "the tolerance of forces and moments is wider at 2 of 2 samples" in " ".join(capsys.readouterr().out.split())

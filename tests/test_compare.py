@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from machines import random_scene
 
 from stewart_crosscheck.crosscheck import tolerance
 from stewart_crosscheck.crosscheck.balance import balance
-from stewart_crosscheck.crosscheck.compare import Failure, agreement, expected, scales
-from stewart_crosscheck.crosscheck.engine import LOOPS, DynamicsResult, engine_names, load_engine
-from stewart_crosscheck.crosscheck.trajectory import Trajectory
+from stewart_crosscheck.crosscheck.compare import agreement, expected, scales
+from stewart_crosscheck.crosscheck.engine import LOOPS, DynamicsResult, Failure, engine_names, load_engine
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene
 
 ENGINES = {"analytic": load_engine("analytic"), "reference": load_engine("reference")}
@@ -171,20 +172,102 @@ def test_every_tolerance_has_a_name_and_a_reason() -> None:
 
 
 @pytest.mark.parametrize(
-    ("condition", "sin_q_n", "factor"), [(39.0, 0.25, 1.0), (400.0, 0.25, 10.0), (1.0, 0.002, 100.0), (4e3, 0.1, 100.0)]
+    ("condition", "sin_q_n", "factor"),
+    [(39.0, 0.02, 1.0), (400.0, 0.25, 10.0), (1.0, 1e-4, 100.0), (4e3, 0.1, 100.0), (np.nan, 0.5, 1.0)],
 )
-def test_round_off_grows_with_condition_and_steep_legs(condition: float, sin_q_n: float, factor: float) -> None:
-    got = tolerance.round_off(np.array([1.0, condition]), np.array([0.5, sin_q_n]))
-    assert got.value == pytest.approx(1e-13 * factor)
-    assert got.name == ("round_off" if factor == 1.0 else "round_off_ill_conditioned")
+def test_the_tolerance_of_forces_grows_with_condition_and_steep_legs(
+    condition: float, sin_q_n: float, factor: float
+) -> None:
+    wider = tolerance.of_forces(np.array([1.0, condition]), np.array([0.5, sin_q_n]))
+    np.testing.assert_allclose(wider, [1.0, factor])
 
 
-def test_round_off_is_not_granted_for_an_unknown_condition() -> None:
-    """A NaN condition must not widen the tolerance."""
-    got = tolerance.round_off(np.array([np.nan]), np.array([0.5]))
-    assert got == tolerance.ROUND_OFF
+def test_the_tolerance_of_loops_grows_with_steep_legs_by_level() -> None:
+    for level in range(3):
+        np.testing.assert_allclose(tolerance.of_loops(np.array([0.3, 0.002]), level), [1.0, 50.0**level])
 
 
-def test_closure_grows_with_steep_legs_alone() -> None:
-    assert tolerance.closure(np.array([0.3])) == tolerance.CLOSURE
-    assert tolerance.closure(np.array([0.3, 0.002])).value == pytest.approx(1e-11)
+def hard_at(trajectory: Trajectory, sample: int) -> Trajectory:
+    """The same trajectory, one sample of which is called hard."""
+    condition = trajectory.condition.copy()
+    condition[sample] = 4e9
+    return dataclasses.replace(trajectory, condition=condition)
+
+
+@pytest.mark.parametrize(("sample", "verdict"), [(3, "fail"), (11, "pass")])
+def test_a_hard_sample_loosens_the_bound_for_itself_alone(
+    sample: int, verdict: str, hexapod: Scene, trajectory: Trajectory, results: dict
+) -> None:
+    hard = hard_at(trajectory, 11)
+    F = results["reference"].F.copy()
+    F[sample, 2] += 1e-9
+    row = table(hexapod, hard, results | {"analytic": spoiled(results["analytic"], F=F)}).loc[("analytic", "F")]
+    assert row["verdict"] == verdict
+    assert row["where"] == f"leg 3, t = {trajectory.t[sample]:.6g} s"
+    assert (row["max_rel"] <= row["tolerance"]) == (verdict == "pass")
+    assert row["tolerance_name"] == ("round_off" if verdict == "fail" else "round_off_ill_conditioned")
+
+
+def test_balance_is_never_loosened(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> None:
+    """It is a backward error: it closes to rounding however hard the pose."""
+    kkt = dataclasses.replace(truth, engine="x", radius={}, loops=dict.fromkeys(LOOPS, np.zeros((21, 6, 3))))
+    engines = {"mujoco": load_engine("mujoco"), "reference": ENGINES["reference"]}
+    reactions = truth.reactions.copy()
+    reactions[11, 0, 4] += 1e-9
+    wrong = dataclasses.replace(kkt, reactions=reactions)
+    rows = agreement("id", hexapod, hard_at(trajectory, 11), engines, {"mujoco": wrong, "reference": truth})
+    rows = rows.set_index(["engine", "quantity"])["verdict"]
+    assert rows["mujoco", "balance"] == "fail"
+    assert rows["mujoco", "F_o"] == "pass"
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.9, "pass"), (1.1, "fail")])
+@pytest.mark.parametrize("level", range(3))
+def test_the_tolerance_of_loops_cuts_where_it_says(
+    level: int, factor: float, verdict: str, hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult
+) -> None:
+    """Scales by hand: the longest leg; the fastest tip and that per second; its largest acceleration likewise."""
+    R, w, dw = trajectory.rotation, trajectory.angular_velocity, trajectory.angular_acceleration
+    V, A = [], []
+    for p in hexapod.platform.pins:
+        r = R @ np.array(p)
+        V.append(trajectory.velocity + np.cross(w, r))
+        A.append(trajectory.acceleration + np.cross(dw, r) + np.cross(w, np.cross(w, r)))
+    longest = truth.L.max()
+    scale = (longest, np.linalg.norm(V, axis=2).max() + longest, np.linalg.norm(A, axis=2).max() + longest)[level]
+    loops = {name: np.zeros((21, 6, 3)) for name in LOOPS}
+    loops[LOOPS[level]][7, 4] = factor * 1e-14 * scale * np.array([0.6, 0.0, -0.8])
+    kkt = dataclasses.replace(truth, radius={}, loops=loops)
+    engines = {"mujoco": load_engine("mujoco"), "reference": ENGINES["reference"]}
+    rows = agreement("id", hexapod, trajectory, engines, {"mujoco": kkt, "reference": truth})
+    rows = rows.set_index(["engine", "quantity"]).loc["mujoco"]
+    assert rows.loc[LOOPS[level], "verdict"] == verdict
+    assert rows.loc[LOOPS[level], "where"] == f"leg 5, t = {trajectory.t[7]:.6g} s"
+    assert rows.loc[LOOPS[level], "scale"] == pytest.approx(scale, rel=1e-12)
+
+
+def test_a_claimed_radius_is_no_truth(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
+    """Only the reference is believed: an engine that brings radii of zero is compared like any other."""
+    F = results["analytic"].F + 1.0
+    liar = spoiled(results["analytic"], F=F, radius={k: 0.0 * v for k, v in results["reference"].radius.items()})
+    assert table(hexapod, trajectory, results | {"analytic": liar}).loc[("analytic", "F"), "verdict"] == "fail"
+
+
+def test_balance_knows_the_load() -> None:
+    scene = random_scene(3, gravity=(1.0, -9.0, 2.0))
+    trajectory = from_scene(scene, 5)
+    truth = load_engine("reference")(scene).inverse_dynamics(trajectory)
+    residual = balance(scene, trajectory, truth.reactions, float(truth.L.max()))
+    assert max(r.max() for r in residual.values()) < 1e-11  # N, of some hundred: rounding
+    unloaded = scene.model_copy(update={"load": None})
+    assert balance(unloaded, trajectory, truth.reactions, 1.0)["platform"].min() > 0.1
+
+
+def test_moments_enter_the_balance_over_the_length(
+    hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult
+) -> None:
+    reactions = truth.reactions.copy()
+    reactions[:, 0, :3] += [0.0, 0.0, 1e-3]
+    for length in (0.5, 2.0):
+        residual = balance(hexapod, trajectory, reactions, length)["base1"]
+        np.testing.assert_allclose(residual, 1e-3 / length, rtol=1e-6)

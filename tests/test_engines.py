@@ -44,6 +44,7 @@ def test_agrees_with_truth(engine_name: str, hexapod: Scene, trajectory: Traject
         np.testing.assert_allclose(own, want, rtol=0, atol=1e-14)  # m, m/s: rounding of ten operations
 
 
+@pytest.mark.parametrize("engine_name", ["analytic", *ENGINES], indirect=True)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("base", [True, False], ids=["19 bodies", "13 bodies"])
 def test_agrees_with_truth_on_random_machines_under_load(engine_name: str, seed: int, base: bool) -> None:
@@ -79,15 +80,29 @@ def hard_scene(hexapod: Scene, kind: str, distance: float) -> tuple[Scene, Traje
 def test_hard_poses_keep_to_the_law_of_the_tolerance(
     engine_name: str, kind: str, distance: float, hexapod: Scene
 ) -> None:
-    """Errors grow with condition and 1/s as the tolerance does: below it, and not by five orders of magnitude."""
+    """Errors grow with condition and 1/s as the tolerance does: below it, and not by four orders of magnitude."""
     scene, trajectory = hard_scene(hexapod, kind, distance)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
     rows = agreement("id", scene, trajectory, engines, results)
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel", "tolerance"]]
     margin = (rows["tolerance"] / rows["max_rel"])[rows["engine"] == engine_name].min()
-    assert margin < 1e5
-    assert rows["tolerance"].iloc[0] > 1e-12  # it really is a hard pose
+    assert margin < 1e4
+    assert rows["tolerance"].iloc[0] > 5e-13  # it really is a hard pose
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6])
+def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
+    engine_name: str, distance: float, hexapod: Scene
+) -> None:
+    """Accelerations of the base grow as 1/s^2: the gap stays below the bound, which is not wide by five orders."""
+    scene, trajectory = hard_scene(hexapod, "steep", distance)
+    engines = {name: load_engine(name) for name in (engine_name, "reference")}
+    results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
+    rows = agreement("id", scene, trajectory, engines, results).set_index(["engine", "quantity"]).loc[engine_name]
+    assert set(rows.loc[list(LOOPS), "verdict"]) == {"pass"}, rows[["max_rel", "tolerance"]]
+    assert rows.loc["loop_pos", "tolerance"] == 1e-14
+    assert rows.loc["loop_acc", "tolerance"] == pytest.approx(1e-14 * (0.1 / trajectory.sin_q_n[0]) ** 2)
 
 
 def test_the_load_counts(engine_name: str) -> None:

@@ -73,9 +73,13 @@ def components(values: list) -> list:
     return [x for v in values for x in (v if isinstance(v, tuple) else (v,))]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_formulas_in_balls_overlap_the_reference_at_1e_40(seed: int) -> None:
-    scene = random_scene(seed)
+@pytest.mark.parametrize("base", [True, False], ids=["19 bodies", "13 bodies"])
+@pytest.mark.parametrize("gravity", [(0.0, -9.81, 0.0), (2.5, -8.0, -3.5)], ids=["vertical", "inclined"])
+@pytest.mark.parametrize("seed", range(3))
+def test_formulas_in_balls_overlap_the_reference_at_1e_40(
+    seed: int, gravity: tuple[float, float, float], base: bool
+) -> None:
+    scene = random_scene(seed, base=base, gravity=gravity)
     trajectory = from_scene(scene, 3)
     for k in range(3):
         row = row_of(trajectory, k)
@@ -187,7 +191,7 @@ def test_radius_covers_the_rounding_to_float64(hexapod: Scene, trajectory: Traje
         value = quantity(hexapod, name, truth.F, truth.reactions)[k].ravel()
         radius = quantity(hexapod, name, truth.radius["F"], truth.radius["reactions"])[k].ravel()
         for v, r, exact in zip(value.tolist(), radius.tolist(), components(out[name]), strict=True):
-            assert abs(exact - arb(v)) <= arb(r) or r == 0.0 == v
+            assert abs(exact - arb(v)) <= arb(r)
             assert r <= np.spacing(abs(v)) * 0.51 + 1e-18
 
 
@@ -223,13 +227,29 @@ def test_length_of_the_quaternion_does_not_matter(hexapod: Scene, trajectory: Tr
 
 
 def test_long_trajectories_are_sampled_with_the_worst_pose_among_them() -> None:
-    condition = np.ones(5000)
-    condition[4321] = 7.0
-    chosen = chosen_samples(5000, condition)
-    assert 4321 in chosen
-    assert len(chosen) in (1000, 1001)
-    np.testing.assert_array_equal(chosen, chosen_samples(5000, condition))
-    np.testing.assert_array_equal(chosen_samples(1000, condition[:1000]), np.arange(1000))
+    condition, sin_q_n = np.ones(5000), np.ones(5000)
+    condition[4321], sin_q_n[1234] = 7.0, 0.1
+    chosen = chosen_samples(5000, condition, sin_q_n)
+    assert {4321, 1234} <= set(chosen)
+    assert len(set(chosen)) == len(chosen)
+    assert 1000 <= len(chosen) <= 1002
+    np.testing.assert_array_equal(chosen, chosen_samples(5000, condition, sin_q_n))
+    np.testing.assert_array_equal(chosen_samples(1000, condition[:1000], sin_q_n[:1000]), np.arange(1000))
+
+
+def test_moments_are_bounded_too(hexapod: Scene, trajectory: Trajectory) -> None:
+    out = certified(hexapod, row_of(trajectory, 1), bound=1e-60)
+    force = max(abs(float(x)) for x in components(out["F_o"]))
+    for name in ("M_s", "M_n", "M_o"):
+        assert max(float(x.rad()) for x in components(out[name])) <= 2e-60 * force
+
+
+def test_a_ball_becomes_a_float_and_a_radius_that_is_never_too_small() -> None:
+    third = arb(1) / 3
+    for x in (third, third * arb(2) ** -1080, arb(0, 1e-300), arb(1, 2**-60)):
+        value, radius = reference_._to_float(x)
+        assert abs(x - arb(value)) <= arb(radius)
+    assert reference_._to_float(arb(0.5)) == (0.5, 0.0)
 
 
 def test_a_leg_without_base_is_a_base_without_inertia() -> None:

@@ -399,10 +399,15 @@ def test_a_wrong_word_is_refused(tmp_path: Path, old: str, new: str, message: st
     assert refusal(tmp_path / "bad.toml", edited(old, new)) == message
 
 
+def test_a_name_too_long_for_a_file_is_refused(tmp_path: Path) -> None:
+    message = refusal(tmp_path / "bad.toml", edited('name = "hexapod"', f'name = "{"x" * 65}"'))
+    assert message.endswith("expected a letter, then up to 63 letters, digits, _ and -")
+
+
 @pytest.mark.parametrize("name", ["two words", "a/b", "../up", "", "6legs", "hexapod\\n", "é"])
 def test_a_name_that_makes_no_file_name_is_refused(tmp_path: Path, name: str) -> None:
     message = refusal(tmp_path / "bad.toml", edited('name = "hexapod"', f'name = "{name}"'))
-    assert message == f"name: got '{name}', expected a letter, then letters, digits, _ and -"
+    assert message == f"name: got '{name}', expected a letter, then up to 63 letters, digits, _ and -"
 
 
 def test_every_wrong_field_is_named_in_one_go(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -478,3 +479,37 @@ def test_a_leg_of_length_zero_is_refused(hexapod: Scene) -> None:
     at_tip = moved_pin(hexapod, 2, tip(hexapod, trajectory, leg=2, sample=5).tolist())
     with pytest.raises(TrajectoryError, match=r"t = 1\.42857 s: singular pose: sample 5, leg 2: "):
         from_scene(at_tip, 8)
+
+
+def test_the_condition_is_that_of_rows_scaled_to_one(hexapod: Scene) -> None:
+    """By hand for one pose: columns [y; r x y], rows of length one, the library's condition number."""
+    trajectory = from_scene(hexapod, 3)
+    for k in range(3):
+        columns = []
+        for p, O in zip(hexapod.platform.pins, hexapod.hull.pins, strict=True):
+            r = trajectory.rotation[k] @ np.array(p)
+            l = trajectory.position[k] + r - O
+            y = l / np.linalg.norm(l)
+            columns.append([*y, *np.cross(r, y)])
+        A = np.array(columns).T
+        scaled = A / np.linalg.norm(A, axis=1, keepdims=True)
+        assert trajectory.condition[k] == pytest.approx(np.linalg.cond(scaled), rel=1e-12)
+        assert abs(np.linalg.cond(A) / np.linalg.cond(scaled) - 1) > 0.1  # the scaling does something
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9])
+def test_a_leg_without_length_is_refused(distance: float, hexapod: Scene) -> None:
+    start = from_scene(hexapod, 1)
+    tip = start.position[0] + start.rotation[0] @ np.array(hexapod.platform.pins[2]) + [distance, 0.0, 0.0]
+    pins = (*hexapod.hull.pins[:2], tuple(tip.tolist()), *hexapod.hull.pins[3:])
+    short = hexapod.model_copy(update={"hull": hexapod.hull.model_copy(update={"pins": pins})})
+    with pytest.raises(
+        TrajectoryError, match=r"t = 0 s: singular pose: sample 0, leg 3: length = .* expected more than"
+    ):
+        from_scene(short, 1)
+
+
+def test_a_path_that_is_no_text_is_spelled_out(hexapod: Scene, tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"mot\xffion.csv")
+    with pytest.raises(TrajectoryError, match=r"mot\\udcffion\.csv: No such file"):
+        from_file(hexapod, path)

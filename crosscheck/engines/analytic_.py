@@ -10,13 +10,12 @@ import numpy as np
 
 from ... import analytic
 from ...models.scene import Scene
-from .. import wrench
-from ..engine import DynamicsResult, engine_version
+from ..engine import DynamicsResult, by_joint, engine_version
 from ..trajectory import Trajectory
 
 
 class AnalyticEngine:
-    """Formulas (1)-(31) on NumPy arrays; reads no model file."""
+    """The paper's formulas on NumPy arrays; reads no model file."""
 
     name: ClassVar[str] = "analytic"
     package: ClassVar[str] = "stewart-crosscheck"
@@ -30,11 +29,6 @@ class AnalyticEngine:
         """Driving forces (7), (8) and joint reactions (23)-(29)."""
         start = perf_counter()
         D = analytic.inverse_dynamics(self.scene.parameters, trajectory.motion)
-        zero = np.zeros_like(D.F_r)
-        by_joint = [
-            wrench.from_parts(getattr(D, j.moment) if j.moment else zero, getattr(D, j.force))[:, j.leg - 1]
-            for j in self.scene.joints
-        ]
         return DynamicsResult(
             engine=self.name,
             version=engine_version(type(self)) or "",
@@ -42,7 +36,7 @@ class AnalyticEngine:
             setting="numpy",
             samples=np.arange(len(trajectory.t)),
             F=D.F,
-            reactions=np.stack(by_joint, axis=1),
+            reactions=by_joint(self.scene, vars(D)),
             L=D.L,
             dL=D.dL,
             seconds=perf_counter() - start,

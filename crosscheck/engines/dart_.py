@@ -95,19 +95,16 @@ class DartEngine(KktEngine):
         return out
 
     def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``getBodyForce`` of every leg body after inverse dynamics with load and loop forces as external ones."""
-        sk, load = self.skeleton, self.scene.load
+        """``getBodyForce`` of every leg body after inverse dynamics under the loop forces; no leg feels the load."""
+        sk = self.skeleton
         bodies = [sk.getBodyNode(j.child) for j in self.scene.joints if not j.cut]
         force, R = np.empty((len(state.q), len(bodies), 6)), np.empty((len(state.q), len(bodies), 3, 3))
         for k in range(len(state.q)):
             self._set(state, k)
             sk.clearExternalForces()  # addExtForce accumulates
             for ends, force_W in zip(self.loops, multipliers[k], strict=True):
-                for (body, point), sign in zip(ends, (1.0, -1.0), strict=True):
-                    body.addExtForce(sign * force_W, point, False, True)
-            if load:
-                self.platform.addExtForce(np.array(load.force), np.array(load.point), False, True)
-                self.platform.addExtTorque(np.array(load.moment), False)
+                for (body, point), on_end in zip(ends, wrench.on_both_ends(force_W), strict=True):
+                    body.addExtForce(on_end, point, False, True)
             sk.computeInverseDynamics(True, False, False)  # with external forces; by default they are left out
             for n, body in enumerate(bodies):
                 force[k, n], R[k, n] = body.getBodyForce(), body.getWorldTransform().rotation()

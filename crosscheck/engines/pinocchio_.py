@@ -113,15 +113,13 @@ class PinocchioEngine(KktEngine):
         outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
 
         def push(joint: int, point: np.ndarray, force_W: np.ndarray, moment_W: np.ndarray) -> None:
-            R_JW = d.oMi[joint].rotation.T
-            force, moment = R_JW @ force_W, R_JW @ moment_W
-            outside[joint] += pin.Force(force, moment + np.cross(point, force))
+            outside[joint] += pin.Force(*wrench.to_pinocchio(force_W, moment_W, point, d.oMi[joint].rotation))
 
         if load:
             push(self.platform, np.array(load.point), np.array(load.force), np.array(load.moment))
         for ends, force_W in zip(self.loops, multipliers, strict=True):
-            for f, sign in zip(ends, (1.0, -1.0), strict=True):
-                push(m.frames[f].parentJoint, m.frames[f].placement.translation, sign * force_W, np.zeros(3))
+            for f, on_end in zip(ends, wrench.on_both_ends(force_W), strict=True):
+                push(m.frames[f].parentJoint, m.frames[f].placement.translation, on_end, np.zeros(3))
         return outside
 
 

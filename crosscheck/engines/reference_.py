@@ -7,6 +7,7 @@ precision is raised until every radius is small, and balls become float64 with a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any, ClassVar
@@ -16,8 +17,7 @@ import numpy as np
 from flint import arb
 
 from ...models.scene import Scene
-from .. import wrench
-from ..engine import DynamicsResult, EngineError, engine_version
+from ..engine import DynamicsResult, EngineError, by_joint, engine_version
 from ..newton_euler import Sample
 
 FIRST_BITS, MOST_BITS = 128, 8192
@@ -92,15 +92,15 @@ def _to_float(x: arb) -> tuple[float, float]:
     """Nearest float64 and a proven bound of its distance to the exact value, the rounding included."""
     value = float(x.mid())
     distance = abs(x - arb(value))
-    return value, float(distance.abs_upper()) * (1 + 2**-50)
+    return value, 0.0 if distance == 0 else math.nextafter(float(distance.abs_upper()), math.inf)
 
 
-def chosen_samples(nt: int, condition: np.ndarray) -> np.ndarray:
-    """All samples up to 1000; beyond, 1000 seeded ones and the worst conditioned."""
+def chosen_samples(nt: int, condition: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
+    """All samples up to 1000; beyond, 1000 seeded ones, the worst conditioned and the steepest."""
     if nt <= MOST_SAMPLES:
         return np.arange(nt)
     picked = np.random.default_rng(SEED).choice(nt, MOST_SAMPLES, replace=False)
-    return np.unique(np.append(picked, np.argmax(condition)))
+    return np.unique([*picked, np.argmax(condition), np.argmin(sin_q_n)])
 
 
 class ReferenceEngine:
@@ -117,7 +117,7 @@ class ReferenceEngine:
     def inverse_dynamics(self, trajectory: Any) -> DynamicsResult:
         """Certified driving forces and reactions. Raises NotCertified."""
         start = perf_counter()
-        samples = chosen_samples(len(trajectory.t), trajectory.condition)
+        samples = chosen_samples(len(trajectory.t), trajectory.condition, trajectory.sin_q_n)
         names = ("position", "quaternion", "velocity", "angular_velocity", "acceleration", "angular_acceleration")
         rows = [getattr(trajectory, name)[samples].tolist() for name in names]
         pairs: dict[str, list] = {}
@@ -139,17 +139,12 @@ class ReferenceEngine:
             setting=f"{FIRST_BITS} bits and more, radius {BOUND:g}",
             samples=samples,
             F=value["F"],
-            reactions=self._by_joint(value),
+            reactions=by_joint(self.scene, value),
             L=value["L"],
             dL=value["dL"],
-            radius={"F": radius["F"], "reactions": self._by_joint(radius), "L": radius["L"], "dL": radius["dL"]},
+            radius={"F": radius["F"], "reactions": by_joint(self.scene, radius), "L": radius["L"], "dL": radius["dL"]},
             seconds=perf_counter() - start,
         )
-
-    def _by_joint(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        zero = np.zeros_like(values["F_r"])
-        parts = [(values[j.moment] if j.moment else zero, values[j.force], j.leg - 1) for j in self.scene.joints]
-        return np.stack([wrench.from_parts(m[:, leg], f[:, leg]) for m, f, leg in parts], axis=1)
 
 
 ENGINE = ReferenceEngine

@@ -15,16 +15,15 @@ import pandas as pd
 import pytest
 
 from stewart_crosscheck.analytic import stewart
+from stewart_crosscheck.crosscheck import processes
 from stewart_crosscheck.crosscheck import run as run_module
-from stewart_crosscheck.crosscheck import runner
-from stewart_crosscheck.crosscheck.compare import Failure
-from stewart_crosscheck.crosscheck.engine import DynamicsResult, UnknownEngine
+from stewart_crosscheck.crosscheck.engine import DynamicsResult, Failure, UnknownEngine, engine_names, load_engine
 from stewart_crosscheck.crosscheck.run import ENGINE_FAILED, choose_engines, require_determinate, run
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, SceneError
 
 PLUGIN = """
-import os, time
+import dataclasses, os, time
 import numpy as np
 from stewart_crosscheck.crosscheck.engine import EngineError
 from stewart_crosscheck.crosscheck.engines.analytic_ import AnalyticEngine
@@ -53,22 +52,50 @@ class Refuses(Base):
     def inverse_dynamics(self, trajectory):
         raise EngineError("refuses: warnings {'mjWARN_BADQACC': 1}")
 
+class Nothing(Base):
+    name = "nothing"
+    def inverse_dynamics(self, trajectory):
+        return None
+
+class Fewer(Base):
+    name = "fewer"
+    def inverse_dynamics(self, trajectory):
+        result = super().inverse_dynamics(trajectory)
+        return dataclasses.replace(result, F=result.F[:, :5])
+
+class Open(Base):
+    name = "open"
+    checks = ("loop_pos",)
+
+class Unsure(Base):
+    name = "unsure"
+    def inverse_dynamics(self, trajectory):
+        result = super().inverse_dynamics(trajectory)
+        return dataclasses.replace(result, dL=result.dL * np.nan)
+
+class Liar(Base):
+    name = "liar"
+    def inverse_dynamics(self, trajectory):
+        result = super().inverse_dynamics(trajectory)
+        return dataclasses.replace(result, radius={"F": 0 * result.F})
+
 class Missing(Base):
     name = "missing"
     def __init__(self, scene, models=None):
         import a_package_that_is_not_there
 """
-NAMES = ("crash", "hang", "raises", "refuses", "missing")
+NAMES = ("crash", "hang", "raises", "refuses", "nothing", "fewer", "open", "unsure", "liar", "missing")
 
 
 @pytest.fixture
 def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Five engines of another distribution that all fail, each in its own way, and one that cannot be imported."""
+    """Engines of another distribution that all fail, each in its own way; one of them calls itself mujoco."""
     (tmp_path / "failing_engines.py").write_text(PLUGIN)
     info = tmp_path / "failing_engines-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: failing-engines\nVersion: 1.0\n")
-    entries = [f"{n} = failing_engines:{n.capitalize()}" for n in NAMES] + ["broken = module_that_is_not_there:Engine"]
+    entries = [f"{n} = failing_engines:{n.capitalize()}" for n in NAMES]
+    entries += ["broken = module_that_is_not_there:Engine", "mujoco = failing_engines:Crash"]
     (info / "entry_points.txt").write_text("[stewart_crosscheck.engines]\n" + "\n".join(entries) + "\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield
@@ -82,24 +109,44 @@ def short(hexapod: Scene) -> Trajectory:
 
 @pytest.mark.usefixtures("plugins")
 def test_each_failure_is_that_engines_alone(hexapod: Scene, short: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "SECONDS", 6.0)  # enough to start and compute; the hanging engine sleeps ten times that
+    monkeypatch.setattr(processes, "SECONDS", 20.0)  # enough for a dozen to start; one sleeps three times that
     ended: list[str] = []
     report = run(hexapod, short, [*NAMES, "broken", "analytic"], done=lambda name, result: ended.append(name))
     reasons = {name: r.reason for name, r in report.results.items() if isinstance(r, Failure)}
     assert set(reasons) == {*NAMES, "broken"}
-    assert "its process died with exit code" in reasons["crash"]
-    assert "engine: about to fall over" in reasons["crash"]
-    assert reasons["hang"].startswith("no answer within 6 s")
+    assert reasons["crash"] == "its process died: SIGABRT; it last printed: engine: about to fall over"
+    assert reasons["hang"].startswith("no answer within 20 s")
+    assert reasons["nothing"] == "nothing: got NoneType, expected a DynamicsResult"
+    assert reasons["fewer"] == "fewer: F: got shape (3, 5), expected shape (3, 6)"
+    assert reasons["open"] == "open: loop_pos: got nothing, expected shape (3, 6, 3)"
+    assert reasons["unsure"] == "unsure: dL is not finite at sample 0"
+    assert reasons["liar"] == "liar: only the reference brings radii or leaves samples out"
     assert reasons["raises"] == "KeyError: 'joint [o1]'"
     assert "mjWARN_BADQACC" in reasons["refuses"]
     assert reasons["missing"] == "missing package: No module named 'a_package_that_is_not_there'"
-    assert reasons["broken"] == "ModuleNotFoundError: No module named 'module_that_is_not_there'"
+    assert reasons["broken"] == "missing package: No module named 'module_that_is_not_there'"
     verdicts = report.agreement.groupby("engine")["verdict"].agg(set).to_dict()
     assert verdicts["analytic"] == verdicts["reference"] == {"pass"}
     assert all(verdicts[name] == {"error"} for name in reasons)
     assert report.status == ENGINE_FAILED
     assert report.info["failed"] == reasons
-    assert sorted(ended) == sorted([*NAMES, "analytic", "reference"])
+    assert sorted(ended) == sorted([*NAMES, "broken", "analytic", "reference"])
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_plug_in_does_not_replace_a_built_in_engine() -> None:
+    assert engine_names().count("mujoco") == 1
+    assert load_engine("mujoco").__module__ == "stewart_crosscheck.crosscheck.engines.mujoco_"
+
+
+def test_a_killed_process_is_told_from_a_crash(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    log.write_text("\x1b[1;33mWarning\x1b[0m of long ago")
+    assert processes._death(-signal.SIGKILL, str(log)).startswith("its process was killed by SIGKILL")
+    assert (
+        processes._death(-signal.SIGSEGV, str(log)) == "its process died: SIGSEGV; it last printed: Warning of long ago"
+    )
+    assert processes._death(7, str(tmp_path / "none")) == "its process died: exit code 7"
 
 
 @pytest.mark.usefixtures("plugins")
@@ -118,7 +165,7 @@ def test_a_disagreement_outranks_a_failure(hexapod: Scene, short: Trajectory, mo
 @pytest.mark.usefixtures("plugins")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_writes_nothing_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
-    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "--samples", "3", "--out", "out"]
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "--samples", "3", "--out", "out"]
     running = subprocess.Popen(
         [*argv, "--engine", "hang", "--engine", "analytic"],
         env=os.environ | {"PYTHONPATH": str(tmp_path), "TMPDIR": str(tmp_path)},
@@ -177,7 +224,7 @@ def test_results_come_in_the_order_of_the_engines(hexapod: Scene, short: Traject
 def test_a_missing_package_is_reported_by_the_command(package: str, tmp_path: Path) -> None:
     """One engine lacks its package: its rows say so, the others are compared; without truth nothing can be."""
     (tmp_path / f"{package}.py").write_text(f"raise ModuleNotFoundError({f'No module named {package}'!r})")
-    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck.cli", "run", "--samples", "3", "--out", "out"]
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "--samples", "3", "--out", "out"]
     done = subprocess.run(
         [*argv, "--engine", "mujoco", "--engine", "analytic"],
         env=os.environ | {"PYTHONPATH": str(tmp_path)},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import re
 import signal
 import tempfile
 import threading
@@ -16,8 +17,7 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 from ..models.scene import Scene
-from .compare import Failure
-from .engine import DynamicsResult, EngineError, load_engine
+from .engine import DynamicsResult, EngineError, Failure, load_engine, require_complete
 from .trajectory import Trajectory
 
 SECONDS, SECONDS_PER_SAMPLE = 60.0, 0.05
@@ -39,7 +39,10 @@ def _work(
     """Body of a worker process."""
     with _output_to(log):
         try:
-            return load_engine(name)(scene, models).inverse_dynamics(trajectory)
+            engine = load_engine(name)
+            result = engine(scene, models).inverse_dynamics(trajectory)
+            require_complete(engine, scene, trajectory, result)
+            return result
         except ImportError as e:
             return Failure(f"missing package: {e}")
         except EngineError as e:
@@ -61,12 +64,18 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _last_line(log: str) -> str:
+def _death(exitcode: int | None, log: str) -> str:
+    """How a process ended that sent no answer, and what it said last, unless it was killed from outside."""
+    if exitcode == -signal.SIGKILL:
+        return "its process was killed by SIGKILL (by someone, or for want of memory)"
     try:
-        lines = Path(log).read_text(errors="replace").strip().splitlines()
+        text = re.sub(r"\x1b\[[0-9;]*m", "", Path(log).read_text(errors="replace"))
     except OSError:
-        return ""
-    return f"; it last printed: {lines[-1][:200]}" if lines else ""
+        text = ""
+    last = f"; it last printed: {text.strip().splitlines()[-1][:200]}" if text.strip() else ""
+    number = -(exitcode or 0)
+    how = signal.Signals(number).name if number in set(signal.Signals) else f"exit code {exitcode}"
+    return f"its process died: {how}{last}"
 
 
 def _outcome(future: Future, log: str, limit: float) -> DynamicsResult | Failure:
@@ -75,7 +84,7 @@ def _outcome(future: Future, log: str, limit: float) -> DynamicsResult | Failure
     except TimeoutError:
         return Failure(f"no answer within {limit:.0f} s")
     except ProcessExpired as e:
-        return Failure(f"its process died with exit code {e.exitcode}{_last_line(log)}")
+        return Failure(_death(e.exitcode, log))
     except Exception as e:  # a result that cannot be sent back
         return Failure(f"{type(e).__name__}: {e}")
 
