@@ -34,11 +34,6 @@ def of_loop(multiplier: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros_like(multiplier), multiplier], axis=-1)
 
 
-def on_both_ends(force_W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A loop force as it acts on the child and, opposite, on the parent."""
-    return force_W, -force_W
-
-
 def to_pinocchio(
     force_W: np.ndarray, moment_W: np.ndarray, point: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -195,8 +196,16 @@ def test_a_state_that_is_not_finite_is_no_answer(engine_name: str, hexapod: Scen
     a = dict(trajectory.a)
     a["n2"] = a["n2"].copy()
     a["n2"][5] = np.nan
-    with pytest.raises(EngineError, match=r"not finite at sample 5|refused the state of sample 5"):
+    with pytest.raises(EngineError, match="a is not finite at sample 5"):
         load_engine(engine_name)(hexapod).inverse_dynamics(dataclasses.replace(trajectory, a=a))
+
+
+@pytest.mark.parametrize("engine_name", ["mujoco"], indirect=True)
+def test_a_warning_of_the_engine_is_no_answer(engine_name: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    engine: Any = load_engine(engine_name)(hexapod)
+    engine.data.warning[0].number = 1  # the counter that the engine itself would raise
+    with pytest.raises(EngineError, match=r"mujoco: warnings \{'mjWARN_\w+': 1\}"):
+        engine.inverse_dynamics(trajectory)
 
 
 def test_the_solve_refuses_what_it_cannot_do() -> None:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from stewart_crosscheck.models import Scene, SceneError, load_scene, scene_names
 from stewart_crosscheck.models.scene import parse_scene
+from stewart_crosscheck.models.tables import Platform
 
 HEXAPOD = (resources.files("stewart_crosscheck.models") / "scenes" / "hexapod.toml").read_text(encoding="utf-8")
 
@@ -414,3 +415,13 @@ def test_every_wrong_field_is_named_in_one_go(tmp_path: Path) -> None:
     text = edited(ROD_MASS, "rod = { mass = -1").replace("27.3", "nan").replace("duration = 2.0", "duration = 'x'")
     fields = [line.split(":")[0] for line in refusal(tmp_path / "bad.toml", text).splitlines()]
     assert fields == ["leg.rod.mass", "platform.mass", "motion.duration"]
+
+
+@pytest.mark.parametrize(("largest", "possible"), [(2.0, True), (2.0 + 1e-11, False)])
+def test_the_triangle_inequality_leaves_room_for_rounding_alone(largest: float, possible: bool) -> None:
+    platform = {"mass": 1.0, "inertia": [[1.0, 0, 0], [0, largest, 0], [0, 0, 1.0]], "pins": [[0.0, 0.0, 0.0]]}
+    if possible:
+        assert Platform.model_validate(platform).inertia[1][1] == largest
+    else:
+        with pytest.raises(ValidationError, match="triangle inequality"):
+            Platform.model_validate(platform)

@@ -95,16 +95,15 @@ class DartEngine(KktEngine):
         return out
 
     def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``getBodyForce`` of every leg body after inverse dynamics under the loop forces; no leg feels the load."""
+        """``getBodyForce`` of every leg body after inverse dynamics with the loop forces on the rods' tips."""
         sk = self.skeleton
         bodies = [sk.getBodyNode(j.child) for j in self.scene.joints if not j.cut]
         force, R = np.empty((len(state.q), len(bodies), 6)), np.empty((len(state.q), len(bodies), 3, 3))
         for k in range(len(state.q)):
             self._set(state, k)
             sk.clearExternalForces()  # addExtForce accumulates
-            for ends, force_W in zip(self.loops, multipliers[k], strict=True):
-                for (body, point), on_end in zip(ends, wrench.on_both_ends(force_W), strict=True):
-                    body.addExtForce(on_end, point, False, True)
+            for (rod, tip), force_W in zip((ends[0] for ends in self.loops), multipliers[k], strict=True):
+                rod.addExtForce(force_W, tip, False, True)
             sk.computeInverseDynamics(True, False, False)  # with external forces; by default they are left out
             for n, body in enumerate(bodies):
                 force[k, n], R[k, n] = body.getBodyForce(), body.getWorldTransform().rotation()

@@ -75,7 +75,7 @@ class PinocchioEngine(KktEngine):
 
     def terms(self, state: State) -> Terms:
         """``rnea`` under the load, frame Jacobians and classical accelerations of the loop points."""
-        pin, m, d, scene = self.pin, self.model, self.data, self.scene
+        pin, m, d, scene, load = self.pin, self.model, self.data, self.scene, self.scene.load
         out = Terms.empty(len(state.q), m.nv, scene.N)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         hulls = [m.getJointId(f"o{i}") for i in scene.legs]
@@ -92,35 +92,33 @@ class PinocchioEngine(KktEngine):
                 axis = tip - d.oMi[hulls[i]].translation
                 out.L[k, i] = np.linalg.norm(axis)
                 out.dL[k, i] = axis @ (J_tip @ v) / out.L[k, i]
-            out.tau[k] = pin.rnea(m, d, q, v, a, self._outside(np.zeros((scene.N, 3))))
+            outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
+            if load:
+                force, moment, point = (np.array(x) for x in (load.force, load.moment, load.point))
+                self._push(outside, self.platform, point, force, moment)
+            out.tau[k] = pin.rnea(m, d, q, v, a, outside)
         return out
 
     def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``data.f`` of every leg joint, with load and loop forces as outside forces."""
+        """``data.f`` of every leg joint, with the loop forces on the rods' tips as outside forces."""
         pin, m, d = self.pin, self.model, self.data
         index = [m.getJointId(j.coordinates[-1]) for j in self.scene.joints if not j.cut]
         force, R = np.empty((len(state.q), len(index), 6)), np.empty((len(state.q), len(index), 3, 3))
         for k, (q, v, a) in enumerate(zip(*state, strict=True)):
             pin.forwardKinematics(m, d, q)
-            pin.rnea(m, d, q, v, a, self._outside(multipliers[k]))
+            outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
+            for (f, _), force_W in zip(self.loops, multipliers[k], strict=True):
+                tip = m.frames[f]
+                self._push(outside, tip.parentJoint, tip.placement.translation, force_W, np.zeros(3))
+            pin.rnea(m, d, q, v, a, outside)
             for n, j in enumerate(index):
                 force[k, n], R[k, n] = d.f[j].vector, d.oMi[j].rotation
         return wrench.from_pinocchio(force, R)
 
-    def _outside(self, multipliers: np.ndarray) -> Any:
-        """Load and loop forces (N, 3) per joint, in joint axes about its origin. Joint placements must be current."""
-        pin, m, d, load = self.pin, self.model, self.data, self.scene.load
-        outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
-
-        def push(joint: int, point: np.ndarray, force_W: np.ndarray, moment_W: np.ndarray) -> None:
-            outside[joint] += pin.Force(*wrench.to_pinocchio(force_W, moment_W, point, d.oMi[joint].rotation))
-
-        if load:
-            push(self.platform, np.array(load.point), np.array(load.force), np.array(load.moment))
-        for ends, force_W in zip(self.loops, multipliers, strict=True):
-            for f, on_end in zip(ends, wrench.on_both_ends(force_W), strict=True):
-                push(m.frames[f].parentJoint, m.frames[f].placement.translation, on_end, np.zeros(3))
-        return outside
+    def _push(self, outside: Any, joint: int, point: np.ndarray, force_W: np.ndarray, moment_W: np.ndarray) -> None:
+        """Add a force at a point (joint axes) and a moment to the outside forces. Joint placements must be current."""
+        R = self.data.oMi[joint].rotation
+        outside[joint] += self.pin.Force(*wrench.to_pinocchio(force_W, moment_W, point, R))
 
 
 ENGINE = PinocchioEngine
