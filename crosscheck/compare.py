@@ -150,10 +150,10 @@ def agreement(
             elif not isinstance(truth, DynamicsResult) or size is None:
                 row["reason"] = "no certified truth to compare with"
             else:
-                rows_ = slice(None) if q in (*LOOPS, "balance") else truth.samples
+                held = slice(None) if q in (*LOOPS, "balance") else truth.samples
                 tolerance, wider = _tolerance(q, name == REFERENCE, trajectory)
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                row |= _judge(errors, where, trajectory.t[rows_], size.of(q), tolerance, wider[rows_])
+                row |= _judge(errors, where, trajectory.t[held], size.of(q), tolerance, wider[held])
                 row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)
