@@ -20,11 +20,10 @@ from .engine import DynamicsResult, Failure, UnknownEngine, engine_version
 from .run import choose_engines, require_determinate
 from .run import run as run_scene
 from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
-from .trajectory import TrajectoryError, from_file, from_scene
+from .trajectory import SAMPLES, TrajectoryError, from_file, from_scene
 
 UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
 
-SAMPLES = 201
 MOST_SAMPLES = 1_000_000
 """Beyond it the table of every number has a billion rows."""
 

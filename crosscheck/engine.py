@@ -139,12 +139,12 @@ def require_finite(engine: str, **arrays: np.ndarray) -> None:
             raise EngineError(f"{engine}: {name} is not finite at sample {bad[0][0]}")
 
 
-def require_complete(engine: type[Engine], scene: Scene, trajectory: Trajectory, result: object) -> None:
+def require_complete(name: str, engine: type[Engine], scene: Scene, trajectory: Trajectory, result: object) -> None:
     """Raise EngineError unless a result has everything that its engine declares, in the right shapes, all finite.
 
-    Only the reference speaks for some of the samples, and brings radii.
+    Only the reference speaks for some of the samples, and brings radii.  `name` is the one that the engine was found
+    by: what a class calls itself proves nothing.
     """
-    name = engine.name
     if not isinstance(result, DynamicsResult):
         raise EngineError(f"{name}: got {type(result).__name__}, expected a DynamicsResult")
     nt, N, nj = len(trajectory.t), scene.N, len(scene.joints)

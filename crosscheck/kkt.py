@@ -94,7 +94,12 @@ class KktEngine(ABC):
         state = self.state(trajectory)
         nt = len(state.q)
         require_finite(self.name, q=state.q, v=state.v, a=state.a)
-        blocks = [self._block(State(*(x[i : i + BLOCK] for x in state))) for i in range(0, nt, BLOCK)]
+        blocks = []
+        for first in range(0, nt, BLOCK):
+            try:
+                blocks.append(self._block(State(*(x[first : first + BLOCK] for x in state))))
+            except EngineError as e:
+                raise EngineError(f"{e} (counted from sample {first})") from None
         F, reactions, L, dL, *gaps = (np.concatenate(column) for column in zip(*blocks, strict=True))
         loops: dict[str, np.ndarray] = {}
         loops.update(zip(LOOPS, gaps, strict=True))

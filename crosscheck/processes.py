@@ -41,7 +41,7 @@ def _work(
         try:
             engine = load_engine(name)
             result = engine(scene, models).inverse_dynamics(trajectory)
-            require_complete(engine, scene, trajectory, result)
+            require_complete(name, engine, scene, trajectory, result)
             return result
         except ImportError as e:
             return Failure(f"missing package: {e}")

@@ -19,6 +19,9 @@ from .quaternions import Jet, rotation
 
 POSE = ("t", "p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z")
 RATES = ("v_x", "v_y", "v_z", "w_x", "w_y", "w_z", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
+SAMPLES = 201
+"""Samples of a scene's own motion, unless another number is asked for."""
+
 SPLINE_ROWS = 6
 """Rows that a quintic spline needs."""
 
@@ -141,7 +144,7 @@ def _build(
     )  # fmt: skip
 
 
-def from_scene(scene: Scene, samples: int = 201) -> Trajectory:
+def from_scene(scene: Scene, samples: int = SAMPLES) -> Trajectory:
     """The scene's own motion at `samples` times, both ends included. Raises TrajectoryError."""
     source = f"{scene.source}: motion"
     if scene.motion is None:

@@ -208,6 +208,38 @@ def test_a_warning_of_the_engine_is_no_answer(engine_name: str, hexapod: Scene, 
         engine.inverse_dynamics(trajectory)
 
 
+def test_blocks_do_not_show(
+    engine_name: str, hexapod: Scene, trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blocks of 4 against one of 21: the same numbers in the same order."""
+    whole = load_engine(engine_name)(hexapod).inverse_dynamics(trajectory)
+    monkeypatch.setattr(kkt, "BLOCK", 4)
+    parts = load_engine(engine_name)(hexapod).inverse_dynamics(trajectory)
+    for name in ("F", "reactions", "L", "dL"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    for loop in LOOPS:
+        np.testing.assert_array_equal(parts.loops[loop], whole.loops[loop])
+
+
+def test_an_error_in_a_later_block_says_where_it_counts_from(
+    engine_name: str, hexapod: Scene, trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kkt, "BLOCK", 4)
+    engine: Any = load_engine(engine_name)(hexapod)
+    terms, calls = engine.terms, []
+
+    def broken(state: kkt.State) -> kkt.Terms:
+        calls.append(len(state.q))
+        out = terms(state)
+        if len(calls) == 3:
+            out.tau[1, 0] = np.nan
+        return out
+
+    monkeypatch.setattr(engine, "terms", broken)
+    with pytest.raises(EngineError, match=r"tau is not finite at sample 1 \(counted from sample 8\)"):
+        engine.inverse_dynamics(trajectory)
+
+
 def test_the_solve_refuses_what_it_cannot_do() -> None:
     tau, J = np.ones((2, 4)), np.zeros((2, 3, 4))
     with pytest.raises(EngineError, match="singular"):

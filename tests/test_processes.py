@@ -79,12 +79,18 @@ class Liar(Base):
         result = super().inverse_dynamics(trajectory)
         return dataclasses.replace(result, radius={"F": 0 * result.F})
 
+class Pretender(Base):
+    name = "reference"
+    def inverse_dynamics(self, trajectory):
+        result = super().inverse_dynamics(trajectory)
+        return dataclasses.replace(result, samples=result.samples[:1])
+
 class Missing(Base):
     name = "missing"
     def __init__(self, scene, models=None):
         import a_package_that_is_not_there
 """
-NAMES = ("crash", "hang", "raises", "refuses", "nothing", "fewer", "open", "unsure", "liar", "missing")
+NAMES = ("crash", "hang", "raises", "refuses", "nothing", "fewer", "open", "unsure", "liar", "pretender", "missing")
 
 
 @pytest.fixture
@@ -120,6 +126,7 @@ def test_each_failure_is_that_engines_alone(hexapod: Scene, short: Trajectory, m
     assert reasons["fewer"] == "fewer: F: got shape (3, 5), expected shape (3, 6)"
     assert reasons["open"] == "open: loop_pos: got nothing, expected shape (3, 6, 3)"
     assert reasons["unsure"] == "unsure: dL is not finite at sample 0"
+    assert reasons["pretender"] == "pretender: only the reference brings radii or leaves samples out"
     assert reasons["liar"] == "liar: only the reference brings radii or leaves samples out"
     assert reasons["raises"] == "KeyError: 'joint [o1]'"
     assert "mjWARN_BADQACC" in reasons["refuses"]
