@@ -2,82 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from . import stewart
-from .solve import LIMIT, SingularPose, solve_samples
-from .stewart import LegState, NotDeterminate, Parameters, PlatformMotion
-
-BLOCK = 2048
-"""Samples per block, which keeps temporaries small."""
-
-
-@dataclass(frozen=True)
-class LegCoordinates:
-    """Joint coordinates of every leg, each (nt, N): rad and m, per s, per s^2."""
-
-    q_o: np.ndarray
-    q_n: np.ndarray
-    q_s: np.ndarray
-    dq_o: np.ndarray
-    dq_n: np.ndarray
-    dq_s: np.ndarray
-    ddq_o: np.ndarray
-    ddq_n: np.ndarray
-    ddq_s: np.ndarray
-
-
-@dataclass(frozen=True)
-class InverseDynamics:
-    """Driving forces and joint reactions of every leg, world axes, in N and N m.
-
-    ``F, L, dL`` (nt, N); ``F_r, F_s, F_n, F_o, M_s, M_n, M_o`` (nt, N, 3); ``condition`` (nt,): row-scaled, (7), (8).
-    """
-
-    F: np.ndarray
-    F_r: np.ndarray
-    F_s: np.ndarray
-    F_n: np.ndarray
-    F_o: np.ndarray
-    M_s: np.ndarray
-    M_n: np.ndarray
-    M_o: np.ndarray
-    L: np.ndarray
-    dL: np.ndarray
-    condition: np.ndarray
-
-
-def _components(motion: PlatformMotion) -> PlatformMotion:
-    """Arrays (n, 3), (n, 3, 3) as tuples of contiguous arrays (n,): samples last."""
-
-    def vector(a: np.ndarray) -> tuple[np.ndarray, ...]:
-        return tuple(np.ascontiguousarray(a[:, j]) for j in range(3))
-
-    R = tuple(vector(motion.R[:, j]) for j in range(3))
-    C_p, dC_p, w_p, ddC_p, dw_p = (vector(a) for a in (motion.C_p, motion.dC_p, motion.w_p, motion.ddC_p, motion.dw_p))
-    return PlatformMotion(C_p, R, dC_p, w_p, ddC_p, dw_p)
-
-
-def _blocks(motion: PlatformMotion) -> Iterator[tuple[slice, PlatformMotion]]:
-    """Check shapes and finiteness, then hand out the motion in blocks of components."""
-    arrays = PlatformMotion(*(np.asarray(a, dtype=float) for a in motion))
-    nt = len(arrays.C_p) if arrays.C_p.ndim else 0
-    if nt == 0:
-        raise ValueError(f"motion.C_p: got shape {arrays.C_p.shape}, expected (nt, 3) with at least one sample")
-    for name, a in arrays._asdict().items():
-        shape = (nt, 3, 3) if name == "R" else (nt, 3)
-        if a.shape != shape:
-            raise ValueError(f"motion.{name}: got shape {a.shape}, expected {shape}")
-        if not np.isfinite(a).all():
-            sample = int(np.argwhere(~np.isfinite(a))[0][0])
-            raise ValueError(f"motion.{name}: sample {sample} is not finite: {a[sample].tolist()}")
-    for start in range(0, nt, BLOCK):
-        block = slice(start, min(start + BLOCK, nt))
-        yield block, _components(PlatformMotion(*(a[block] for a in arrays)))
+from . import planar, stewart
+from .samples import InverseDynamics, LegCoordinates, blocks, stack
+from .solve import LIMIT, Infeasible, SingularPose, solve_samples
+from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
 
 
 def _refuse_vertical(legs: list[LegState], first_sample: int, reason: str) -> None:
@@ -87,23 +19,21 @@ def _refuse_vertical(legs: list[LegState], first_sample: int, reason: str) -> No
         raise SingularPose(first_sample + int(sample), int(leg) + 1, "sin q_n", float(s[leg, sample]), reason)
 
 
-def _stack(vectors: Any) -> np.ndarray:
-    """A list over legs of vectors of arrays (n,) as (n, N, 3)."""
-    return np.moveaxis(np.array(vectors), -1, 0)
-
-
-def inverse_kinematics(P: Parameters, motion: PlatformMotion) -> LegCoordinates:
+def inverse_kinematics(P: Parameters | PlanarParameters, motion: PlatformMotion) -> LegCoordinates:
     """Joint coordinates, rates and accelerations of every leg from the platform's motion, (19), (31).
 
     ``motion`` holds arrays (nt, 3) and R (nt, 3, 3). Branch 0 < q_n < pi, q_o in (-pi, pi], continued without jumps.
+    Planar: q_o = 0, q_n in (-pi, pi], continued without jumps.
 
     Raises
     ------
     SingularPose
-        A leg is vertical: q_o is undefined.
+        A spatial leg is vertical: q_o is undefined.
     """
+    if isinstance(P, PlanarParameters):
+        return planar.inverse_kinematics(P, motion)
     parts: list[np.ndarray] = []
-    for block, m in _blocks(motion):
+    for block, m in blocks(motion):
         legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
         _refuse_vertical(legs, block.start, "the leg is vertical and its base angle undefined")
         rates = [stewart.hinge_rates(k) for k in legs]
@@ -117,12 +47,12 @@ def inverse_kinematics(P: Parameters, motion: PlatformMotion) -> LegCoordinates:
     return LegCoordinates(*q)
 
 
-def inverse_dynamics(P: Parameters, motion: PlatformMotion) -> InverseDynamics:
-    """Driving forces (7), (8) and joint reactions (23)-(29) for any number of samples.
+def inverse_dynamics(P: Parameters | PlanarParameters, motion: PlatformMotion) -> InverseDynamics:
+    """Driving forces (7), (8) and joint reactions (23)-(29) for any number of samples; planar: (32), (35).
 
     Parameters
     ----------
-    P : Parameters
+    P : Parameters or PlanarParameters
     motion : PlatformMotion
         Arrays, world axes: C_p, dC_p, w_p, ddC_p, dw_p (nt, 3) and R (nt, 3, 3), SI units.
 
@@ -130,13 +60,17 @@ def inverse_dynamics(P: Parameters, motion: PlatformMotion) -> InverseDynamics:
     ------
     SingularPose
         Row-scaled condition above 1e12, or sin q_n < 1e-12 where a base or a spin inertia loads it.
+    Infeasible
+        A planar mechanism in a singular state cannot move as prescribed, whatever the forces.
     NotDeterminate
-        N is not 6; the error carries what is determined.
+        N is not 6 (planar: 3, or 2 for a point mass); the error carries what is determined.
     ValueError
         Wrong shape or a value that is not finite.
     """
+    if isinstance(P, PlanarParameters):
+        return planar.inverse_dynamics(P, motion)
     parts: list[list[np.ndarray]] = []
-    for block, m in _blocks(motion):
+    for block, m in blocks(motion):
         conditions: list[np.ndarray] = []
 
         def solve(rows: Any, right: Any, start: int = block.start, out: list[np.ndarray] = conditions) -> Any:
@@ -152,22 +86,24 @@ def inverse_dynamics(P: Parameters, motion: PlatformMotion) -> InverseDynamics:
         parts.append(
             [
                 np.array(one.F).T,
-                *(_stack(v) for v in zip(*one.forces, strict=True)),
-                *(_stack(v) for v in zip(*one.moments, strict=True)),
+                *(stack(v) for v in zip(*one.forces, strict=True)),
+                *(stack(v) for v in zip(*one.moments, strict=True)),
                 np.array([k.L for k in one.legs]).T,
                 np.array([k.dq_s for k in one.legs]).T,
                 conditions[0],
+                np.zeros_like(conditions[0], dtype=bool),
             ]
         )
     return InverseDynamics(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def driving_forces(P: Parameters, motion: PlatformMotion) -> np.ndarray:
+def driving_forces(P: Parameters | PlanarParameters, motion: PlatformMotion) -> np.ndarray:
     """Driving forces, (7), (8). Returns (nt, N) in N, + extends the leg. Errors as `inverse_dynamics`."""
     return inverse_dynamics(P, motion).F
 
 
 __all__ = [
+    "Infeasible",
     "InverseDynamics",
     "LegCoordinates",
     "NotDeterminate",

@@ -1,4 +1,4 @@
-"""The 6 x 6 solve of (7), (8): for arrays of samples with a condition test, and for single numbers of any kind."""
+"""The solve of (7), (8), of (32) or (35): arrays of samples with a condition test, or single numbers of any kind."""
 
 from __future__ import annotations
 
@@ -24,8 +24,23 @@ class SingularPose(ArithmeticError):
         self.sample, self.leg, self.name, self.value, self.limit = sample, leg, name, value, limit
 
 
+class Infeasible(ArithmeticError):
+    """A prescribed motion that no driving forces give: names the sample, the residual and its limit."""
+
+    def __init__(self, sample: int, residual: float, limit: float) -> None:
+        super().__init__(
+            f"sample {sample}: the motion is infeasible: an equation of the platform holds no driving force, and what"
+            f" it asks of the motion is missed by {residual:.6g} (N or N m), expected at most {limit:.2g}"
+        )
+        self.sample, self.residual = sample, residual
+
+
+FEASIBLE = 1e-12
+"""Largest residual of an equation without driving forces, over the largest right side: rounding of some ten terms."""
+
+
 def row_scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row lengths (nt, 6), 2-norm condition (nt,) of the matrices with rows of length 1, and the weakest leg (nt,).
+    """Row lengths (nt, n), 2-norm condition (nt,) of the matrices with rows of length 1, and the weakest leg (nt,).
 
     Force and moment rows have different units, so that only the scaled condition means anything.  The weakest leg
     (from 1) has the largest share in the direction that no force holds.
@@ -43,7 +58,7 @@ def require_regular(condition: np.ndarray, leg: np.ndarray, first_sample: int = 
     worst = int(np.argmax(condition))
     if not condition[worst] <= LIMIT:
         limit = f"above {LIMIT:g}: the platform is in a parallel singularity"
-        name = "row-scaled condition of (7), (8)"
+        name = "row-scaled condition of the platform's equations"
         raise SingularPose(first_sample + worst, int(leg[worst]), name, float(condition[worst]), limit)
 
 
@@ -73,6 +88,54 @@ def solve_samples(
     length, condition, leg = row_scaled(A)
     require_regular(condition, leg, first_sample)
     return list(np.linalg.solve(A / length[..., None], (b / length)[..., None])[..., 0].T), condition
+
+
+def without_vanishing_rows(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Condition (nt,) of the row-scaled matrices (nt, n, n) less their rows of zeros, and whether there are such rows.
+
+    A row vanishes exactly where all legs are square to its axis, as two collinear ones are.
+    """
+    length = np.linalg.norm(A, axis=2)
+    rank = (length > 0.0).sum(axis=1)
+    sigma = np.linalg.svd(A / np.where(length > 0.0, length, 1.0)[..., None], compute_uv=False)
+    smallest = np.take_along_axis(sigma, np.maximum(rank - 1, 0)[:, None], axis=1)[:, 0]
+    with np.errstate(divide="ignore"):
+        return sigma[:, 0] / np.abs(smallest), rank < A.shape[1]
+
+
+def solve_determined(
+    rows: Sequence[Sequence[np.ndarray]], right: Sequence[np.ndarray], first_sample: int = 0
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """As `solve_samples` for n rows of which some may vanish: the shortest vector that fulfils the others.
+
+    Returns
+    -------
+    unknowns : n arrays (nt,)
+    condition : ndarray, shape (nt,), of the rows that do not vanish.
+    undetermined : ndarray of bool, shape (nt,)
+
+    Raises
+    ------
+    SingularPose
+        Condition above ``LIMIT``.
+    Infeasible
+        The right side of a row that vanishes is not zero.
+    """
+    A = np.moveaxis(np.array(rows), -1, 0)
+    b = np.array(right).T
+    length, _, leg = row_scaled(A)
+    condition, undetermined = without_vanishing_rows(A)
+    require_regular(condition, leg, first_sample)
+    residual = np.where((A == 0.0).all(axis=2), np.abs(b), 0.0).max(axis=1)
+    limit = FEASIBLE * float(np.abs(b).max())
+    worst = int(np.argmax(residual))
+    if residual[worst] > limit:
+        raise Infeasible(first_sample + worst, float(residual[worst]), limit)
+    scaled, target = A / length[..., None], (b / length)[..., None]
+    x = np.empty_like(target)
+    x[~undetermined] = np.linalg.solve(scaled[~undetermined], target[~undetermined])
+    x[undetermined] = np.linalg.pinv(scaled[undetermined]) @ target[undetermined]
+    return list(x[..., 0].T), condition, undetermined
 
 
 def solve_numbers(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:

@@ -1,6 +1,6 @@
 """Closed-form dynamics of a Stewart platform whose N legs are made of a base, a guide and a rod.
 
-Voynov, Telegin, Timofeev 2016, DOI 10.14529/ctcr160403: the numbers (1)-(31) and the symbols are the paper's.
+Voynov, Telegin, Timofeev 2016, DOI 10.14529/ctcr160403: the numbers (1)-(36) and the symbols are the paper's.
 
 One text for every kind of number.  A vector is a tuple of three components; the text uses ``+ - * /`` and a square
 root that is passed in, nothing else.  The same lines therefore run on Python floats, on NumPy arrays (samples along
@@ -123,12 +123,14 @@ class PlatformMotion(NamedTuple):
 
 
 class NotDeterminate(ValueError):
-    """(7), (8) are six equations for N driving forces: N must be 6. ``determined`` holds what needs no F."""
+    """As many platform equations as driving forces are needed. ``determined`` holds what needs no F."""
 
-    def __init__(self, N: int, determined: Any) -> None:
-        kind = f"underdetermined: {N - 6} too many unknowns" if N > 6 else f"overdetermined: {6 - N} too many equations"
+    def __init__(self, N: int, equations: int, determined: Any) -> None:
+        more = N - equations
+        kind = f"underdetermined: {more} too many unknowns" if more > 0 else f"overdetermined: {-more} too many"
+        source = "(7), (8)" if equations == 6 else "(32)" if equations == 3 else "(35)"
         super().__init__(
-            f"N = {N} legs: (7), (8) are 6 equations for {N} driving forces, {kind}. "
+            f"N = {N} legs: {source} are {equations} equations for {N} driving forces, {kind}. "
             "F_is, M_in, M_io/s, the components of F_r along x_n and z_n, and M_s, M_n, M_o do not depend on F: "
             "they are in the attribute `determined` of this error"
         )
@@ -540,7 +542,7 @@ def driven(P: Parameters, motion: PlatformMotion, state: Determined, solve: Solv
     """Driving forces by (7), (8), then the joint forces (23)-(26). Raises NotDeterminate unless N = 6."""
     legs, loads, moments = state
     if len(legs) != 6:
-        raise NotDeterminate(len(legs), state)
+        raise NotDeterminate(len(legs), 6, state)
     X = solve(*platform_equations(P, motion, legs, loads))
     F = [X_i + load.F_is for X_i, load in zip(X, loads, strict=True)]
     forces = [joint_forces(P.leg, k, load, X_i, P.g) for k, load, X_i in zip(legs, loads, X, strict=True)]
@@ -563,3 +565,230 @@ def first_problem(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solv
         N is not 6.
     """
     return driven(P, motion, determined(P, motion, sqrt), solve)
+
+
+# --- Planar mechanisms without bases: examples 1 to 3, (32)-(36) ------------------------------------------------------
+#
+# Everything moves in x_r y_r, q_o = 0.  A vector has the components (x, y), a moment is along z_r.  Without bases
+# M_io = 0: its terms, which would be 0/0 for a vertical leg, do not exist here.  A leg points anywhere, s has a sign.
+
+Plane: TypeAlias = tuple[Scalar, Scalar]
+
+
+@dataclass(frozen=True)
+class PlanarParameters:
+    """A planar mechanism: legs of guide and rod; pins and gravity as in `Parameters`, their z components are not read.
+
+    ``J_pz``: central moment of inertia of the platform about z [kg m^2]; None: the platform is a point mass.
+    """
+
+    leg: Leg
+    m_p: Scalar
+    J_pz: Scalar | None
+    p: tuple[Vector, ...]
+    O: tuple[Vector, ...]
+    g: Vector = (0.0, -9.81, 0.0)
+    load: Load = Load()
+
+    @property
+    def equations(self) -> int:
+        """Equations of the platform for the driving forces: (32) has three, (35) two."""
+        return 2 if self.J_pz is None else 3
+
+
+class PlanarLegState(NamedTuple):
+    """Motion of a planar leg: x_n = (c, s), y_n = (-s, c)."""
+
+    r: Plane
+    L: Scalar
+    q_s: Scalar
+    s: Scalar
+    c: Scalar
+    dq_s: Scalar
+    dq_n: Scalar
+    ddq_s: Scalar
+    ddq_n: Scalar
+    A_y: Scalar  # acceleration of the tip along y_n
+
+
+class PlanarLoads(NamedTuple):
+    """F_is [N] and M_in [N m] of a planar leg, (33)."""
+
+    F_is: Scalar
+    M_in: Scalar
+
+
+class PlanarReactions(NamedTuple):
+    """F_r, F_s, F_n [N], components (x, y), and M_s [N m] about the rod's centre of mass. M_n = 0."""
+
+    F_r: Plane
+    F_s: Plane
+    F_n: Plane
+    M_s: Scalar
+
+
+class PlanarProblem(NamedTuple):
+    """Driving forces and joint reactions of a planar mechanism, one entry per leg."""
+
+    legs: list[PlanarLegState]
+    F: list[Scalar]
+    reactions: list[PlanarReactions]
+
+
+def planar_leg_kinematics(leg: Leg, p: Vector, O: Vector, motion: PlatformMotion, sqrt: Sqrt) -> PlanarLegState:
+    """Inverse kinematics of one planar leg, from (34), (36). A point mass has p = 0."""
+    C_p, R, dC_p, w_p, ddC_p, dw_p = motion
+    cos, sin, w, dw = R[0][0], R[1][0], w_p[2], dw_p[2]
+    r = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1])
+    l = ((C_p[0] - O[0]) + r[0], (C_p[1] - O[1]) + r[1])
+    V = (dC_p[0] - w * r[1], dC_p[1] + w * r[0])  # velocity of the tip
+    A = (ddC_p[0] - dw * r[1] - w * w * r[0], ddC_p[1] + dw * r[0] - w * w * r[1])
+
+    L = sqrt(l[0] * l[0] + l[1] * l[1])
+    s, c = -l[0] / L, l[1] / L
+    dq_s = c * V[1] - s * V[0]
+    dq_n = -(c * V[0] + s * V[1]) / L
+    A_y = c * A[1] - s * A[0]
+    return PlanarLegState(
+        r=r, L=L, q_s=L - leg.a, s=s, c=c,
+        dq_s=dq_s, dq_n=dq_n,
+        ddq_s=A_y + L * dq_n * dq_n,
+        ddq_n=-(c * A[0] + s * A[1] + 2.0 * dq_s * dq_n) / L,
+        A_y=A_y,
+    )  # fmt: skip
+
+
+def planar_loads(leg: Leg, k: PlanarLegState, g: Vector) -> PlanarLoads:
+    """(33) from the tip's motion, any gravity in the plane."""
+    J_q, _, m_q = inertia(leg, k.q_s)
+    F_is = leg.m_s * (k.A_y + leg.a * k.dq_n * k.dq_n - (k.c * g[1] - k.s * g[0]))
+    M_in = J_q * k.ddq_n + 2.0 * leg.m_s * k.q_s * k.dq_n * k.dq_s + m_q * (k.c * g[0] + k.s * g[1])
+    return PlanarLoads(F_is, M_in)
+
+
+def planar_loads_printed(leg: Leg, k: PlanarLegState, g: Vector) -> PlanarLoads:
+    """(33) as printed. Raises ValueError unless gravity is along -y_r."""
+    if g[0] != 0:
+        raise ValueError(f"(33) holds for gravity along -y_r only, got g = {g}: use `planar_loads`")
+    J_q, _, m_q = inertia(leg, k.q_s)
+    g_ = -g[1]
+    G = -g_ * m_q * k.s
+    F_is = leg.m_s * (k.ddq_s - k.q_s * k.dq_n * k.dq_n + g_ * k.c)
+    M_in = J_q * k.ddq_n + 2.0 * leg.m_s * k.q_s * k.dq_n * k.dq_s + G
+    return PlanarLoads(F_is, M_in)
+
+
+def planar_platform_equations(
+    P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState], loads: Sequence[PlanarLoads]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """(32), or (35) for a point mass, any gravity in the plane and a load: rows in the driving forces, right sides.
+
+    Rows: y_r comes second, moments about C_p [N m] third, with the levers r = R p; signs as in (7), (8).
+    """
+    ddC_p, f = motion.ddC_p, P.load.force
+    right = [P.m_p * (ddC_p[0] - P.g[0]) - f[0], P.m_p * (ddC_p[1] - P.g[1]) - f[1]]
+    if P.J_pz is not None:
+        cos, sin, q = motion.R[0][0], motion.R[1][0], P.load.point
+        lever = (cos * q[0] - sin * q[1], sin * q[0] + cos * q[1])
+        right.append(P.J_pz * motion.dw_p[2] - P.load.moment[2] - (lever[0] * f[1] - lever[1] * f[0]))
+    columns = []
+    for k, (F_is, M_in) in zip(legs, loads, strict=True):
+        y_n = (-k.s, k.c)
+        push = (F_is * y_n[0] - M_in * k.c / k.L, F_is * y_n[1] - M_in * k.s / k.L)  # -F_r without its share of F
+        column, terms = [*y_n], [*push]
+        if P.J_pz is not None:
+            column.append(k.r[0] * y_n[1] - k.r[1] * y_n[0])
+            terms.append(k.r[0] * push[1] - k.r[1] * push[0])
+        columns.append(column)
+        right = [b + term for b, term in zip(right, terms, strict=True)]
+    return [[column[j] for column in columns] for j in range(P.equations)], right
+
+
+def planar_platform_equations_printed(
+    P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState], loads: Sequence[PlanarLoads]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """(32), or its first two rows (35) for a point mass, as printed: gravity along -y_r, no load, hull pins on x_r."""
+    x_p, y_p = motion.C_p[0], motion.C_p[1]
+    rows: list[list[Scalar]] = [[], [], []]
+    right = [-P.m_p * motion.ddC_p[0], P.m_p * (motion.ddC_p[1] - P.g[1]), (P.J_pz or 0.0) * motion.dw_p[2]]
+    for k, O, (F_is, M_in) in zip(legs, P.O, loads, strict=True):
+        L, s, c, X = k.L, k.s, k.c, O[0] - x_p
+        y_z = X * c - y_p * s
+        M_z = M_in * (X * s + y_p * c - L) / L
+        for row, value in zip(rows, (s, c, y_z), strict=True):
+            row.append(value)
+        terms = (s * F_is + M_in * c / L, c * F_is - M_in * s / L, y_z * F_is - M_z)
+        right = [b + term for b, term in zip(right, terms, strict=True)]
+    return rows[: P.equations], right[: P.equations]
+
+
+def loops_of_example_1(legs: Sequence[PlanarLegState], motion: PlatformMotion, b: Scalar, A: Scalar) -> list[Scalar]:
+    """(34) as printed: six residuals [m] of the bar with pins at distance b, hull pins at 0, A, A on x_r."""
+    (x_p, y_p, _), cos, sin = motion.C_p, motion.R[0][0], motion.R[1][0]
+    k_1, k_2, k_3 = legs
+    return [
+        b * cos - (k_1.s * k_1.L + x_p),
+        b * cos - (k_2.s * k_2.L - A + x_p),
+        b * cos - (-k_3.s * k_3.L + A - x_p),
+        b * sin - (y_p - k_1.c * k_1.L),
+        b * sin - (y_p - k_2.c * k_2.L),
+        b * sin - (k_3.c * k_3.L - y_p),
+    ]
+
+
+def loops_of_example_2(legs: Sequence[PlanarLegState], motion: PlatformMotion, A: Scalar) -> list[Scalar]:
+    """(36) as printed: four residuals [m] of the point mass, hull pins at 0 and A on x_r."""
+    x_p, y_p, _ = motion.C_p
+    k_1, k_2 = legs
+    return [k_1.s * k_1.L + x_p, k_2.s * k_2.L - A + x_p, y_p - k_1.c * k_1.L, y_p - k_2.c * k_2.L]
+
+
+def difference_of_example_3(P: PlanarParameters, ddx_p: Scalar) -> Scalar:
+    """F_1 - F_2 [N] of two legs along x_r, q_n1 = -90 deg, q_n2 = 90 deg; F_1 + F_2 is not determined."""
+    return (P.m_p + 2.0 * P.leg.m_s) * ddx_p
+
+
+def sag_of_example_3(P: PlanarParameters, legs: Sequence[PlanarLegState]) -> Scalar:
+    """y_p'' [m/s^2] that gravity forces on two legs along x_r momentarily at rest: any other one has no forces."""
+    first, second = P.m_p, P.m_p
+    for k in legs:
+        J_q, _, m_q = inertia(P.leg, k.q_s)
+        first, second = first + m_q / k.L, second + J_q / (k.L * k.L)
+    return P.g[1] * first / second
+
+
+def planar_reactions(leg: Leg, k: PlanarLegState, loads: PlanarLoads, F: Scalar, g: Vector) -> PlanarReactions:
+    """(23)-(25), (27) with q_o = 0, any gravity in the plane."""
+
+    def in_plane(x: Scalar, y: Scalar) -> Plane:
+        return (x * k.c - y * k.s, x * k.s + y * k.c)
+
+    def plus(a: Plane, m: Scalar, b: Plane) -> Plane:
+        return (a[0] + m * (b[0] - g[0]), a[1] + m * (b[1] - g[1]))
+
+    swing = k.dq_n * k.dq_n
+    rod = in_plane(-(k.q_s * k.ddq_n + 2.0 * k.dq_s * k.dq_n), k.A_y + leg.a * swing)
+    guide = in_plane(-leg.a_n * k.ddq_n, -leg.a_n * swing)
+    F_r = in_plane(-loads.M_in / k.L, loads.F_is - F)  # (23)
+    F_s = plus((-F_r[0], -F_r[1]), leg.m_s, rod)  # (24)
+    F_n = plus(F_s, leg.m_n, guide)  # (25)
+    return PlanarReactions(F_r, F_s, F_n, leg.J_sx * k.ddq_n - leg.a * loads.M_in / k.L)  # (27)
+
+
+def planar_problem(P: PlanarParameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> PlanarProblem:
+    """Inverse dynamics of a planar mechanism: F by (32) or (35), joint reactions by (23)-(25), (27).
+
+    Parameters as in `first_problem`, ``solve`` for `PlanarParameters.equations` rows.
+
+    Raises
+    ------
+    NotDeterminate
+        N is not 3, or not 2 for a point mass.
+    """
+    legs = [planar_leg_kinematics(P.leg, p, O, motion, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+    loads = [planar_loads(P.leg, k, P.g) for k in legs]
+    if len(legs) != P.equations:
+        raise NotDeterminate(len(legs), P.equations, (legs, loads))
+    F = solve(*planar_platform_equations(P, motion, legs, loads))
+    reactions = [planar_reactions(P.leg, k, load, F_i, P.g) for k, load, F_i in zip(legs, loads, F, strict=True)]
+    return PlanarProblem(legs, list(F), reactions)

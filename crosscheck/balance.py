@@ -36,8 +36,10 @@ def _rotating(axes: np.ndarray, J: np.ndarray, omega: np.ndarray, alpha: np.ndar
 def _leg(scene: Scene, trajectory: Trajectory, i: int) -> tuple[dict[str, _BodyMotion], dict[str, np.ndarray]]:
     """Bodies of leg i, and the points of its joints."""
     leg, pin = scene.leg, np.array(scene.hull.pins[i - 1])
+    still = np.zeros((len(trajectory.t), 1))  # a planar leg has no base angle
     (q_o, q_n, q_s), (v_o, v_n, v_s), (a_o, a_n, a_s) = (
-        [x[f"{c}{i}"][:, None] for c in "ons"] for x in (trajectory.q, trajectory.v, trajectory.a)
+        [x[f"{c}{i}"][:, None] if f"{c}{i}" in x else still for c in "ons"]
+        for x in (trajectory.q, trajectory.v, trajectory.a)
     )
     up = np.array([0.0, 1.0, 0.0])
     x_o = np.hstack([np.cos(q_o), 0 * q_o, -np.sin(q_o)])
@@ -98,7 +100,7 @@ def balance(scene: Scene, trajectory: Trajectory, reactions: np.ndarray, length:
         scene.platform.mass,
         trajectory.position,
         trajectory.acceleration,
-        _rotating(R, np.array(scene.platform.inertia), trajectory.angular_velocity, trajectory.angular_acceleration),
+        _rotating(R, np.array(scene.platform.tensor), trajectory.angular_velocity, trajectory.angular_acceleration),
     )
     # The sum of all wrenches on a body about its centre of mass, less its rate of momentum, is zero.
     residual = {}

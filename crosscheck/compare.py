@@ -51,7 +51,7 @@ def scales(scene: Scene, trajectory: Trajectory, truth: DynamicsResult) -> Scale
     reactions = [quantity(scene, n, truth.F, truth.reactions) for n in scene.quantities if n.startswith("F_")]
     force = max(float(np.linalg.norm(x, axis=2).max()) for x in reactions) or 1.0
     length = float(truth.L.max())
-    r = np.einsum("tij,nj->tni", trajectory.rotation, np.array(scene.platform.pins))
+    r = np.einsum("tij,nj->tni", trajectory.rotation, np.array(scene.pins))
     w, dw = (x[:, None] for x in (trajectory.angular_velocity, trajectory.angular_acceleration))
     V = trajectory.velocity[:, None] + np.cross(w, r)
     A = trajectory.acceleration[:, None] + np.cross(dw, r) + np.cross(w, np.cross(w, r))

@@ -21,6 +21,13 @@ BLOCK = 2000
 """Samples at a time: one block of matrices takes some 30 MB."""
 
 
+RANK = 1e-12
+"""Singular values below this share of the largest count as zero: rounding of the matrix is 1e-16."""
+
+FEASIBLE = 1e-10
+"""Residual of a singular system, over its right side, that is still rounding."""
+
+
 class State(NamedTuple):
     """Generalized coordinates, velocities and accelerations in an engine's own order: (nt, nq), (nt, nv), (nt, nv)."""
 
@@ -33,8 +40,8 @@ class Terms(NamedTuple):
     """What an engine assembles for every sample.
 
     ``tau`` (nt, nv): M a + h less the load, N or N m.  ``J`` (nt, nc, nv): loop Jacobian, rows (rod's tip) -
-    (platform's pin), world axes.  ``gap, gap_acceleration`` (nt, N, 3): the same difference of positions and of
-    accelerations.
+    (platform's pin) along `Scene.loop_axes`.  ``gap, gap_acceleration`` (nt, N, 3): the same difference of positions
+    and of accelerations, world axes.
     ``L, dL`` (nt, N): leg lengths and rates from the engine's positions and velocities.
     """
 
@@ -46,9 +53,10 @@ class Terms(NamedTuple):
     dL: np.ndarray
 
     @classmethod
-    def empty(cls, nt: int, nv: int, N: int) -> Terms:
+    def empty(cls, nt: int, nv: int, scene: Scene) -> Terms:
         """Arrays to fill."""
-        shapes = ((nt, nv), (nt, 3 * N, nv), (nt, N, 3), (nt, N, 3), (nt, N), (nt, N))
+        N = scene.N
+        shapes = ((nt, nv), (nt, scene.nc, nv), (nt, N, 3), (nt, N, 3), (nt, N), (nt, N))
         return cls(*(np.empty(shape) for shape in shapes))
 
 
@@ -97,7 +105,8 @@ class KktEngine(ABC):
         blocks = []
         for first in range(0, nt, BLOCK):
             try:
-                blocks.append(self._block(State(*(x[first : first + BLOCK] for x in state))))
+                part = slice(first, first + BLOCK)
+                blocks.append(self._block(State(*(x[part] for x in state)), trajectory.undetermined[part]))
             except EngineError as e:
                 raise EngineError(f"{e} (counted from sample {first})") from None
         F, reactions, L, dL, *gaps = (np.concatenate(column) for column in zip(*blocks, strict=True))
@@ -117,21 +126,26 @@ class KktEngine(ABC):
             seconds=perf_counter() - start,
         )
 
-    def _block(self, state: State) -> tuple[np.ndarray, ...]:
+    def _block(self, state: State, undetermined: np.ndarray) -> tuple[np.ndarray, ...]:
         """F, reactions, L, dL and the gaps at position, velocity and acceleration level of some samples."""
         terms = self.terms(state)
         joints = self.scene.joints
         actuated = [self.velocity_index(c) for j in joints if j.actuated for c in j.coordinates]
-        F, multipliers = solve(self.name, terms.tau, terms.J, actuated)
+        F, held = solve(self.name, terms.tau, terms.J, actuated, undetermined)
+        axes = list(self.scene.loop_axes)
+        multipliers, gap_velocity = np.zeros_like(terms.gap), np.zeros_like(terms.gap)
+        multipliers[..., axes] = held.reshape(len(F), -1, len(axes))
+        gap_velocity[..., axes] = np.einsum("tij,tj->ti", terms.J, state.v).reshape(len(F), -1, len(axes))
         cut = np.array([j.cut for j in joints])
         reactions = np.empty((len(F), len(cut), 6))
         reactions[:, ~cut] = self.reactions(state, multipliers)
         reactions[:, cut] = wrench.of_loop(multipliers)
-        gap_velocity = np.einsum("tij,tj->ti", terms.J, state.v).reshape(terms.gap.shape)
         return F, reactions, terms.L, terms.dL, terms.gap, gap_velocity, terms.gap_acceleration
 
 
-def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def solve(
+    engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int], undetermined: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Solve [S J^T] [F; lambda] = tau for every sample.
 
     Parameters
@@ -140,16 +154,19 @@ def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> t
     tau, J : ndarray, shapes (nt, nv), (nt, nc, nv)
         As in `Terms`.
     actuated : velocity index of each actuated joint.
+    undetermined : ndarray of bool, shape (nt,)
+        Samples whose matrix is expected to lack one rank: F is the shortest that the equations allow.
 
     Returns
     -------
     F : ndarray, shape (nt, na)
-    multipliers : ndarray, shape (nt, nc // 3, 3)
+    multipliers : ndarray, shape (nt, nc)
 
     Raises
     ------
     EngineError
-        nv is not na + nc, a term is not finite, or the matrix is singular.
+        nv is not na + nc, a term is not finite, the matrix is singular, or not as singular as expected, or no forces
+        give the motion.
     """
     nt, nc, nv = J.shape
     na = len(actuated)
@@ -161,9 +178,27 @@ def solve(engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int]) -> t
     K[:, :, na:] = J.transpose(0, 2, 1)
     length = np.linalg.norm(K, axis=2, keepdims=True)  # rows of hinges are moments, rows of slides are forces
     length[length == 0.0] = 1.0
+    K, b = K / length, tau / length[..., 0]
+    x = np.empty_like(b)
     try:
-        x = np.linalg.solve(K / length, tau[..., None] / length)[..., 0]
+        x[~undetermined] = np.linalg.solve(K[~undetermined], b[~undetermined, :, None])[..., 0]
     except np.linalg.LinAlgError:
         raise EngineError(f"{engine}: the {nv} x {nv} matrix of actuators and loops is singular") from None
+    for k in np.flatnonzero(undetermined):
+        x[k] = _shortest(engine, int(k), K[k], b[k], na)
     require_finite(engine, forces=x)
-    return x[:, :na], x[:, na:].reshape(nt, nc // 3, 3)
+    return x[:, :na], x[:, na:]
+
+
+def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int) -> np.ndarray:
+    """Solution of a system of one rank too few with the shortest F. Raises EngineError."""
+    U, sigma, Vh = np.linalg.svd(K)
+    rank = int((sigma > RANK * sigma[0]).sum())
+    if rank != len(b) - 1:
+        raise EngineError(f"{engine}: sample {sample}: got rank {rank}, expected {len(b) - 1} of {len(b)}")
+    x = Vh[:rank].T @ ((U.T @ b)[:rank] / sigma[:rank])
+    residual = float(np.abs(K @ x - b).max())
+    if residual > FEASIBLE * np.abs(b).max():
+        raise EngineError(f"{engine}: sample {sample}: no forces give this motion: residual {residual:.6g} (N or N m)")
+    free = Vh[rank]
+    return x - free * (free[:na] @ x[:na]) / (free[:na] @ free[:na])

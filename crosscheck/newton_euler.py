@@ -108,17 +108,19 @@ class Sample:
         leg = self.scene.leg
         zero = (arb(0), arb(0), arb(0))
         y_r: Jet = ((arb(0), arb(1), arb(0)), zero, zero)
-        r = self._turned(vector(self.scene.platform.pins[i]))
+        r = self._turned(vector(self.scene.pins[i]))
         pin = vector(self.scene.hull.pins[i])
         tip = (minus(plus(self.C[0], r[0]), pin), plus(self.C[1], r[1]), plus(self.C[2], r[2]))
 
-        # The base turns about y_r, the guide about z_n, which is horizontal and square to the leg.
+        # The base turns about y_r, the guide about z_n, horizontal and square to the leg; in a plane about z_r.
         L = sqrt_jet(dot_jet(tip, tip))
-        across = cross_jet(y_r, tip)
         y = over(tip, L)
-        z = over(across, sqrt_jet(dot_jet(across, across)))
+        if self.scene.topology == "planar":
+            z: Jet = ((arb(0), arb(0), arb(1)), zero, zero)
+        else:
+            across = cross_jet(y_r, tip)
+            z = over(across, sqrt_jet(dot_jet(across, across)))
         frame = _turning(cross_jet(y, z), y, z)
-        base = _turning(cross_jet(y_r, z), y_r, z)
 
         # Rod: its centre of mass is a short of the tip.
         m_s, J_x, J_z = (arb(v) for v in (leg.rod.mass, leg.rod.J_x, leg.rod.J_z))
@@ -135,18 +137,21 @@ class Sample:
         # Moments about the guide's centre of mass: F_n acts at O_n, -F_s and -M_s (here H_s') at the rod's.
         M_n = plus(dH_n, cross(guide[0], F_n), dH_s, cross(minus(rod[0], guide[0]), F_s))
 
-        # Base: its centre of mass does not move.
-        m_o, J_o = (arb(leg.base.mass), arb(leg.base.J_z)) if leg.base else (arb(0), arb(0))
-        dH_o = _angular_momentum_rate(base, (J_o, J_o, J_o))
-        F_o = minus(F_n, times(m_o, self.g))
-        M_o = plus(dH_o, M_n)
-
         power = total(
             m_s * dot(rod[1], minus(rod[2], self.g)),
             m_n * dot(guide[1], minus(guide[2], self.g)),
             dot(frame.omega, plus(dH_s, dH_n)),
-            dot(base.omega, dH_o),
         )
+
+        # Base: its centre of mass does not move.
+        F_o, M_o = F_n, M_n
+        if leg.base:
+            base = _turning(cross_jet(y_r, z), y_r, z)
+            J_o = arb(leg.base.J_z)
+            dH_o = _angular_momentum_rate(base, (J_o, J_o, J_o))
+            F_o = minus(F_n, times(arb(leg.base.mass), self.g))
+            M_o = plus(dH_o, M_n)
+            power = power + dot(base.omega, dH_o)
         return _Leg(r[0], L, frame, y_r[0], F_s, F_n, F_o, dH_s, M_n, M_o, power)
 
     def _platform(self) -> tuple[Vector, Vector, arb]:
@@ -156,7 +161,7 @@ class Sample:
         moment = vector(load.moment) if load else vector((0, 0, 0))
         point = self._turned(vector(load.point) if load else vector((0, 0, 0)))
 
-        I_p = [vector(row) for row in platform.inertia]
+        I_p = [vector(row) for row in platform.tensor]
         columns = [(self.R[0][j], self.R[1][j], self.R[2][j]) for j in range(3)]  # the platform's axes in the world
 
         def tensor(v: Vector) -> Vector:
@@ -171,26 +176,30 @@ class Sample:
     def solve(self) -> dict[str, list]:
         """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
         right_F, right_M, spent = self._platform()
+        spatial = self.scene.topology == "spatial"
         # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 give two components of F_r; along y_n it is free.
-        known, along = [], []
+        # A planar leg has no hinge o, and F_r no component along z_r.
+        known, along, inertial = [], [], []
         for leg in self.legs:
             x, y, z = (e[0] for e in leg.frame.axes)
             arm_n = cross(z, times(leg.L[0], y))  # (L y x F) . z = F . (z x L y)
-            arm_o = cross(leg.y_r, times(leg.L[0], y))
-            on_x = dot(leg.M_n, z) / dot(arm_n, x)
-            on_z = dot(leg.M_o, leg.y_r) / dot(arm_o, z)
-            F_r = plus(times(on_x, x), times(on_z, z))
+            F_r = times(dot(leg.M_n, z) / dot(arm_n, x), x)
+            if spatial:
+                arm_o = cross(leg.y_r, times(leg.L[0], y))
+                F_r = plus(F_r, times(dot(leg.M_o, leg.y_r) / dot(arm_o, z), z))
             known.append(F_r)
             along.append((*y, *cross(leg.r, y)))
+            inertial.append(dot(leg.F_s, y))
             right_F = plus(right_F, F_r)
             right_M = plus(right_M, cross(leg.r, F_r))
-        A = arb_mat(6, 6, [-column[j] for j in range(6) for column in along])
-        free = A.solve(arb_mat(6, 1, [*right_F, *right_M]))
+        rows = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5), "point": (0, 1)}[self.scene.freedom]
+        right = (*right_F, *right_M)
+        free = _free_forces([[-column[j] for column in along] for j in rows], [right[j] for j in rows], inertial)
 
         out: dict[str, list] = {name: [] for name in ("F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o", "L", "dL")}
         for i, leg in enumerate(self.legs):
             y = leg.frame.axes[1][0]
-            reactions = leg.reactions(self.a, plus(known[i], times(free[i, 0], y)))
+            reactions = leg.reactions(self.a, plus(known[i], times(free[i], y)))
             for name, value in reactions.items():
                 out[name].append(value)
             out["F"].append(dot(reactions["F_s"], y))
@@ -199,3 +208,27 @@ class Sample:
             spent = spent + leg.power
         out["power"] = [spent - total(*(F * dL for F, dL in zip(out["F"], out["dL"], strict=True)))]
         return out
+
+
+class Infeasible(ArithmeticError):
+    """An equation of the platform that holds no force, and that the motion does not fulfil."""
+
+
+def _free_forces(rows: list[list[arb]], right: list[arb], inertial: Sequence[arb]) -> list[arb]:
+    """Components of F_r along the legs from the platform's equations.
+
+    Rows of exact zeros (two legs exactly in line) hold none: their right sides must be zero, and of all solutions the
+    one with the shortest driving forces F = inertial - free is taken.  Raises Infeasible, ZeroDivisionError.
+    """
+    kept = [(row, b) for row, b in zip(rows, right, strict=True) if any(x != 0 or not x.is_exact() for x in row)]
+    for row, b in zip(rows, right, strict=True):
+        if all(x.is_exact() and x == 0 for x in row) and not b.contains(0):
+            raise Infeasible(f"no forces give this motion: residual {float(b):.6g} (N or N m)")
+    A = arb_mat([row for row, _ in kept])
+    b = arb_mat([[b] for _, b in kept])
+    if len(kept) == len(rows):
+        return [x[0] for x in A.solve(b).tolist()]
+    to_span = A.transpose() * (A * A.transpose()).inv()
+    F = arb_mat([[c] for c in inertial])
+    free = to_span * b + F - to_span * (A * F)
+    return [x[0] for x in free.tolist()]

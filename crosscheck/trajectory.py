@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,24 +9,21 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from .. import analytic
-from ..analytic import PlatformMotion, SingularPose
-from ..analytic.solve import require_regular, row_scaled
+from ..analytic import Infeasible, PlatformMotion, SingularPose
+from ..analytic.solve import require_regular, row_scaled, without_vanishing_rows
 from ..models.scene import Scene, printable
 from ..models.tables import LARGEST, Component
 from . import quaternions
 from .quaternions import Jet, rotation
+from .trajectory_csv import POSE, RATES, TrajectoryError, read_columns, wanted_columns
 
-POSE = ("t", "p_x", "p_y", "p_z", "q_w", "q_x", "q_y", "q_z")
-RATES = ("v_x", "v_y", "v_z", "w_x", "w_y", "w_z", "a_x", "a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")
 SAMPLES = 201
 """Samples of a scene's own motion, unless another number is asked for."""
 
+_UNTURNED = (Component(), Component(), Component())
+
 SPLINE_ROWS = 6
 """Rows that a quintic spline needs."""
-
-
-class TrajectoryError(ValueError):
-    """A trajectory that cannot be used: the message names the file, the row or field, what was got and expected."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +32,10 @@ class Trajectory:
 
     ``t`` (nt,), ``position, velocity, angular_velocity, acceleration, angular_acceleration`` (nt, 3) of the platform's
     centre of mass, ``quaternion`` (nt, 4) of R_WP, scalar first, not necessarily of exact length 1; ``q, v, a``: per
-    joint coordinate name an array (nt,); ``condition`` (nt,): row-scaled condition of (7), (8); ``sin_q_n``: the
-    smallest sin q_n of each sample; ``source``: where the motion came from, for reports and errors.
+    joint coordinate name an array (nt,), a planar platform's own among them; ``condition`` (nt,): row-scaled condition
+    of the platform's equations for the driving forces; ``undetermined`` (nt,): one of them vanishes for every leg;
+    ``sin_q_n``: the smallest sin q_n of each sample (planar: 1, no base turns there); ``source``: where the motion
+    came from, for reports and errors.
     """
 
     t: np.ndarray
@@ -51,6 +49,7 @@ class Trajectory:
     v: dict[str, np.ndarray]
     a: dict[str, np.ndarray]
     condition: np.ndarray
+    undetermined: np.ndarray
     sin_q_n: np.ndarray
     source: str
 
@@ -103,22 +102,68 @@ def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
         raise SingularPose(sample, leg + 1, "length", float(L[sample, leg]), limit)
 
 
-def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row-scaled condition of (7), (8) (NaN unless N = 6) and smallest sin q_n of each pose, both (nt,).
+def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row-scaled condition of the equations for F (NaN unless N fits), whether one of them vanishes, least sin q_n.
 
-    From the geometry alone: tolerances hang on these numbers, and they must not come from the formulas under test.
+    Each (nt,), from the geometry alone: tolerances hang on these numbers, and they must not come from the formulas
+    under test.
     """
-    r = np.einsum("tij,nj->tni", R, np.array(scene.platform.pins))
+    r = np.einsum("tij,nj->tni", R, np.array(scene.pins))
     l = position[:, None] - np.array(scene.hull.pins) + r
     L = np.linalg.norm(l, axis=2, keepdims=True)
     _require_length(scene, r, L[..., 0])
-    sin_q_n = np.hypot(l[..., 0], l[..., 2]) / L[..., 0]
-    if scene.N != 6:
-        return np.full(len(l), np.nan), sin_q_n.min(axis=1)
+    spatial = scene.freedom == "spatial"
+    sin_q_n = (np.hypot(l[..., 0], l[..., 2]) / L[..., 0]).min(axis=1) if spatial else np.ones(len(l))
+    if scene.platform_equations != scene.N:
+        return np.full(len(l), np.nan), np.zeros(len(l), dtype=bool), sin_q_n
     y = l / L
-    _, condition, leg = row_scaled(np.concatenate([y, np.cross(r, y)], axis=2).transpose(0, 2, 1))
+    rows = {"spatial": [0, 1, 2, 3, 4, 5], "planar": [0, 1, 5], "point": [0, 1]}[scene.freedom]
+    A = np.concatenate([y, np.cross(r, y)], axis=2).transpose(0, 2, 1)[:, rows]
+    _, condition, leg = row_scaled(A)
+    undetermined = np.zeros(len(l), dtype=bool)
+    if not spatial:
+        condition, undetermined = without_vanishing_rows(A)
     require_regular(condition, leg)
-    return condition, sin_q_n.min(axis=1)
+    return condition, undetermined, sin_q_n
+
+
+def _coordinates(scene: Scene, motion: PlatformMotion, q: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+    """Coordinates, rates and accelerations by name: the legs', and those of a platform that moves in the plane."""
+    k = analytic.inverse_kinematics(scene.parameters, motion)
+    legs = (
+        {"o": k.q_o, "n": k.q_n, "s": k.q_s},
+        {"o": k.dq_o, "n": k.dq_n, "s": k.dq_s},
+        {"o": k.ddq_o, "n": k.ddq_n, "s": k.ddq_s},
+    )
+    angle = np.unwrap(2.0 * np.arctan2(q[:, 3], q[:, 0]))
+    platform = (
+        (motion.C_p[:, 0], motion.C_p[:, 1], angle),
+        (motion.dC_p[:, 0], motion.dC_p[:, 1], motion.w_p[:, 2]),
+        (motion.ddC_p[:, 0], motion.ddC_p[:, 1], motion.dw_p[:, 2]),
+    )
+    return tuple(
+        {c: leg[c[0]][:, int(c[1:]) - 1] for c in scene.coordinates}
+        | dict(zip(scene.platform_coordinates, own, strict=False))
+        for leg, own in zip(legs, platform, strict=True)
+    )
+
+
+def _require_plane(scene: Scene, source: str, motion: PlatformMotion, q: np.ndarray) -> None:
+    """Raise TrajectoryError unless a planar scene's platform stays in the plane, and a point mass does not turn."""
+    if scene.freedom == "spatial":
+        return
+    point = scene.freedom == "point"
+    turning = [0, 1, 2] if point else [0, 1]
+    wanted_zero = {
+        "p_z, v_z, a_z": (motion.C_p[:, [2]], motion.dC_p[:, [2]], motion.ddC_p[:, [2]]),
+        "q_x, q_y, q_z" if point else "q_x, q_y": (q[:, [1, 2, 3] if point else [1, 2]],),
+        "w_x, w_y, ...": (motion.w_p[:, turning], motion.dw_p[:, turning]),
+    }
+    for columns, arrays in wanted_zero.items():
+        wrong = np.flatnonzero(np.any(np.hstack(arrays) != 0.0, axis=1))
+        if len(wrong):
+            kind = "a point mass does not turn" if point else "a planar platform stays in x_r y_r"
+            raise TrajectoryError(f"{source}: sample {wrong[0]}: {columns}: got a motion, expected zeros: {kind}")
 
 
 def _build(
@@ -126,21 +171,19 @@ def _build(
 ) -> Trajectory:
     """Add the joint coordinates; refuse what has no inverse dynamics."""
     motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
+    _require_plane(scene, source, motion, q)
     try:
         with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
-            condition, sin_q_n = conditioning(scene, p[0], motion.R)
-        k = analytic.inverse_kinematics(scene.parameters, motion)
-    except SingularPose as e:
-        raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: singular pose: {e}") from None
-
-    def by_name(o: np.ndarray, n: np.ndarray, s: np.ndarray) -> dict[str, np.ndarray]:
-        return {f"{c}{i}": x[:, i - 1] for i in scene.legs for c, x in (("o", o), ("n", n), ("s", s))}
-
+            condition, undetermined, sin_q_n = conditioning(scene, p[0], motion.R)
+        coordinates = _coordinates(scene, motion, q)
+        if undetermined.any():
+            analytic.driving_forces(scene.parameters, motion)  # no forces may give this motion
+    except (SingularPose, Infeasible) as e:
+        kind = "singular pose: " if isinstance(e, SingularPose) else ""
+        raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: {kind}{e}") from None
     return Trajectory(
-        t=t, position=p[0], quaternion=q, velocity=p[1], angular_velocity=w, acceleration=p[2],
-        angular_acceleration=dw,
-        q=by_name(k.q_o, k.q_n, k.q_s), v=by_name(k.dq_o, k.dq_n, k.dq_s), a=by_name(k.ddq_o, k.ddq_n, k.ddq_s),
-        condition=condition, sin_q_n=sin_q_n, source=source,
+        t, p[0], q, p[1], w, p[2], dw, *coordinates,
+        condition=condition, undetermined=undetermined, sin_q_n=sin_q_n, source=source,
     )  # fmt: skip
 
 
@@ -151,66 +194,13 @@ def from_scene(scene: Scene, samples: int = SAMPLES) -> Trajectory:
         raise TrajectoryError(f"{source}: missing, expected a [motion] table or a trajectory file")
     t = np.linspace(0.0, scene.motion.duration, samples)
     orientation = scene.motion.orientation
-    x = _sines(orientation.components, t)
-    if orientation.kind == "rotation_vector":
+    x = _sines(orientation.components if orientation else _UNTURNED, t)
+    if orientation is None or orientation.kind == "rotation_vector":
         q = quaternions.exponential(x)
     else:
         turns = [quaternions.turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
         q = quaternions.product(quaternions.product(turns[0], turns[1]), turns[2])
     return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *quaternions.angular(q))
-
-
-def _require_columns(file: str, names: list[str]) -> None:
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    unknown = sorted(set(names) - {*POSE, *RATES})
-    missing = [name for name in _wanted(names) if name not in names]
-    for problem, columns in (("repeated", repeated), ("unknown", unknown), ("missing", missing)):
-        if columns:
-            raise TrajectoryError(
-                f"{file}: got {problem} columns {', '.join(map(repr, columns))}; expected {', '.join(POSE)} and, all or"
-                f" none, {', '.join(RATES)}"
-            )
-
-
-def _wanted(names: list[str]) -> tuple[str, ...]:
-    """Columns that a header with these names needs: the poses, and every rate if there is one."""
-    return (*POSE, *RATES) if set(names) & set(RATES) else POSE
-
-
-def _read(path: Path) -> tuple[list[str], np.ndarray, list[int]]:
-    """Column names, numbers (nt, columns) and line numbers of a CSV file."""
-    file = printable(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as e:
-        raise TrajectoryError(f"{file}: got bytes that are no text (at {e.start}), expected a CSV file") from None
-    except (OSError, ValueError) as e:
-        raise TrajectoryError(f"{file}: {getattr(e, 'strerror', None) or e}, expected a readable CSV file") from None
-    try:
-        lines = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), 1) if row]
-    except csv.Error as e:
-        raise TrajectoryError(f"{file}: got no CSV, expected a trajectory: {e}") from None
-    if not lines:
-        raise TrajectoryError(f"{file}: got an empty file, expected a header {', '.join(POSE)}, ...")
-    names = [name.strip() for name in lines[0][1]]
-    _require_columns(file, names)
-    values = []
-    for number, row in lines[1:]:
-        if len(row) != len(names):
-            raise TrajectoryError(
-                f"{file}: line {number}: got {len(row)} fields, expected {len(names)} as in the header"
-            )
-        for name, cell in zip(names, row, strict=True):
-            try:
-                value = float(cell.replace("_", "?"))  # Python alone would read 1_0 as 10
-            except ValueError:
-                value = np.nan
-            if not abs(value) <= LARGEST:
-                raise TrajectoryError(
-                    f"{file}: line {number}: {name}: got {cell.strip()!r}, expected a finite number up to {LARGEST:g}"
-                )
-            values.append(value)
-    return names, np.array(values).reshape(-1, len(names)), [number for number, _ in lines[1:]]
 
 
 def from_file(scene: Scene, path: str | Path) -> Trajectory:
@@ -226,8 +216,8 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
         that are not of length 1 within 1e-6, or a singular pose.
     """
     file = printable(path)
-    names, table, lines = _read(Path(path))
-    wanted = _wanted(names)
+    names, table, lines = read_columns(Path(path))
+    wanted = wanted_columns(names)
     if not len(table):
         raise TrajectoryError(f"{file}: got a header and no rows, expected at least one row")
     column = {name: table[:, j] for j, name in enumerate(names)}

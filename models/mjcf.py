@@ -23,8 +23,12 @@ def to_text(root: ET.Element) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
+FLOOR = 1e-15
+"""Smallest moment of inertia that MuJoCo compiles [kg m^2]; stands where a scene says zero."""
+
+
 def _inertial(body: ET.Element, mass: float, com: Iterable[float], **inertia: Iterable[float]) -> None:
-    moments = {kind: numbers(v) for kind, v in inertia.items()}
+    moments = {kind: numbers(v if kind == "fullinertia" else (x or FLOOR for x in v)) for kind, v in inertia.items()}
     ET.SubElement(body, "inertial", {"mass": repr(mass), "pos": numbers(com), **moments})
 
 
@@ -32,6 +36,7 @@ def _leg(world: ET.Element, scene: Scene, i: int) -> None:
     base, guide, rod = scene.leg.base, scene.leg.guide, scene.leg.rod
     pin = numbers(scene.hull.pins[i - 1])
     parent, pos = world, pin
+    planar = scene.topology == "planar"
     if base is not None:
         parent = ET.SubElement(world, "body", name=f"base{i}", pos=pin)
         # Only J_z about the hinge moves; a body needs the other two, and equal ones are always possible.
@@ -39,15 +44,29 @@ def _leg(world: ET.Element, scene: Scene, i: int) -> None:
         ET.SubElement(parent, "joint", name=f"o{i}", type="hinge", axis="0 1 0")
         pos = "0 0 0"
     body = ET.SubElement(parent, "body", name=f"guide{i}", pos=pos)
+    # In a plane nothing turns about the long axis of guide and rod: again, equal moments do.
     J_x = guide.central_J_x
-    _inertial(body, guide.mass, (0, guide.com, 0), diaginertia=(J_x, guide.J_y, J_x))
-    if base is None:
+    _inertial(body, guide.mass, (0, guide.com, 0), diaginertia=(J_x, J_x if planar else guide.J_y, J_x))
+    if base is None and not planar:
         ET.SubElement(body, "joint", name=f"o{i}", type="hinge", axis="0 1 0")
     ET.SubElement(body, "joint", name=f"n{i}", type="hinge", axis="0 0 1")
     body = ET.SubElement(body, "body", name=f"rod{i}")
-    _inertial(body, rod.mass, (0, 0, 0), diaginertia=(rod.J_x, rod.J_z, rod.J_x))
+    _inertial(body, rod.mass, (0, 0, 0), diaginertia=(rod.J_x, rod.J_x if planar else rod.J_z, rod.J_x))
     ET.SubElement(body, "joint", name=f"s{i}", type="slide", axis="0 1 0")
     ET.SubElement(body, "site", name=f"tip{i}", pos=numbers((0, scene.leg.a, 0)))
+
+
+def _platform(body: ET.Element, scene: Scene) -> None:
+    """Inertia and freedom of the platform: six of a free joint, or one joint per coordinate in the plane."""
+    I, mass = scene.platform.inertia, scene.platform.mass
+    if I is not None:
+        _inertial(body, mass, (0, 0, 0), fullinertia=(I[0][0], I[1][1], I[2][2], I[0][1], I[0][2], I[1][2]))
+        ET.SubElement(body, "freejoint", name="platform")
+        return
+    _inertial(body, mass, (0, 0, 0), diaginertia=(scene.platform.J_z or 0.0,) * 3)
+    kinds = (("slide", "1 0 0"), ("slide", "0 1 0"), ("hinge", "0 0 1"))
+    for name, (kind, axis) in zip(scene.platform_coordinates, kinds, strict=False):
+        ET.SubElement(body, "joint", name=name, type=kind, axis=axis)
 
 
 def write_mjcf(scene: Scene) -> str:
@@ -60,13 +79,10 @@ def write_mjcf(scene: Scene) -> str:
     for i in scene.legs:
         _leg(world, scene, i)
     platform = ET.SubElement(world, "body", name="platform")
-    I = scene.platform.inertia
-    full = (I[0][0], I[1][1], I[2][2], I[0][1], I[0][2], I[1][2])
-    _inertial(platform, scene.platform.mass, (0, 0, 0), fullinertia=full)
-    ET.SubElement(platform, "freejoint", name="platform")
+    _platform(platform, scene)
     equality = ET.SubElement(root, "equality")
     actuator = ET.SubElement(root, "actuator")
-    for i, p in zip(scene.legs, scene.platform.pins, strict=True):
+    for i, p in zip(scene.legs, scene.pins, strict=True):
         ET.SubElement(platform, "site", name=f"pin{i}", pos=numbers(p))
         ET.SubElement(equality, "connect", name=f"r{i}", site1=f"tip{i}", site2=f"pin{i}")
         ET.SubElement(actuator, "motor", name=f"F{i}", joint=f"s{i}")

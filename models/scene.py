@@ -12,7 +12,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, model_validator
 
 from ..analytic import stewart
-from .tables import LARGEST, Hull, Initial, LegForces, LegTable, LoadTable, Motion, Platform, Table, Vector
+from .explain import explain, show
+from .tables import Hull, Initial, LegForces, LegTable, LoadTable, Motion, Platform, Table, Vector
+from .topology import require_topology
+
+Freedom = Literal["spatial", "planar", "point"]
 
 
 class SceneError(ValueError):
@@ -50,7 +54,7 @@ class Scene(Table):
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
-    topology: Literal["spatial"]
+    topology: Literal["spatial", "planar"]
     gravity: Vector = (0.0, -9.81, 0.0)
     leg: LegTable
     platform: Platform
@@ -62,10 +66,10 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:
-        if len(self.platform.pins) != len(self.hull.pins):
+        require_topology(self)
+        if self.platform.pins and len(self.platform.pins) != self.N:
             raise ValueError(
-                f"platform.pins has {len(self.platform.pins)} rows, hull.pins {len(self.hull.pins)}:"
-                " one pin per leg is needed"
+                f"platform.pins has {len(self.platform.pins)} rows, hull.pins {self.N}: one pin per leg is needed"
             )
         if self.forces and len(self.forces.legs) != self.N:
             raise ValueError(f"forces.legs has {len(self.forces.legs)} rows, expected one per leg: {self.N}")
@@ -103,13 +107,16 @@ class Scene(Table):
         for i in self.legs:
             o, n, s, r = f"o{i}", f"n{i}", f"s{i}", f"r{i}"
             base, guide, rod = f"base{i}", f"guide{i}", f"rod{i}"
-            if self.leg.base is None:
+            if self.topology == "planar":
+                joints.append(Joint(n, i, "hull", guide, "revolute", (n,), False, False, "F_n", "M_n"))
+            elif self.leg.base is None:
                 joints.append(Joint(n, i, "hull", guide, "universal", (o, n), False, False, "F_n", "M_n"))
             else:
                 joints.append(Joint(o, i, "hull", base, "revolute", (o,), False, False, "F_o", "M_o"))
                 joints.append(Joint(n, i, base, guide, "revolute", (n,), False, False, "F_n", "M_n"))
             joints.append(Joint(s, i, guide, rod, "prismatic", (s,), True, False, "F_s", "M_s"))
-            joints.append(Joint(r, i, "platform", rod, "spherical", (), False, True, "F_r", None))
+            closure = "revolute" if self.topology == "planar" else "spherical"
+            joints.append(Joint(r, i, "platform", rod, closure, (), False, True, "F_r", None))
         return tuple(joints)
 
     @property
@@ -123,9 +130,41 @@ class Scene(Table):
         return tuple(c for joint in self.joints for c in joint.coordinates)
 
     @property
+    def hull_coordinates(self) -> tuple[str, ...]:
+        """Name of each leg's first coordinate, whose axis goes through the hull pin."""
+        return tuple(j.coordinates[0] for j in self.joints if j.parent == "hull")
+
+    @property
+    def freedom(self) -> Freedom:
+        """How the platform moves: in space, as a rigid body in the plane x_r y_r, or as a point there."""
+        if self.topology == "spatial":
+            return "spatial"
+        return "point" if self.platform.J_z is None else "planar"
+
+    @property
+    def pins(self) -> tuple[Vector, ...]:
+        """Platform pins, one per leg [m, platform axes]; all of them in its centre for a point mass."""
+        return self.platform.pins or ((0.0, 0.0, 0.0),) * self.N
+
+    @property
+    def loop_axes(self) -> tuple[int, ...]:
+        """World axes along which a spherical joint, or a pin of a planar mechanism, holds its two bodies together."""
+        return (0, 1, 2) if self.topology == "spatial" else (0, 1)
+
+    @property
+    def platform_equations(self) -> int:
+        """Velocities of the platform, and equations that it gives for the driving forces."""
+        return {"spatial": 6, "planar": 3, "point": 2}[self.freedom]
+
+    @property
+    def platform_coordinates(self) -> tuple[str, ...]:
+        """Names of a planar platform's own coordinates: C_p along x_r and y_r, angle about z_r. None in space."""
+        return ("platform_x", "platform_y", "platform_turn")[: {"spatial": 0, "planar": 3, "point": 2}[self.freedom]]
+
+    @property
     def nv(self) -> int:
-        """Velocities of the tree: the legs' coordinates and six of the platform."""
-        return len(self.coordinates) + 6
+        """Velocities of the tree: the legs' coordinates and the platform's."""
+        return len(self.coordinates) + self.platform_equations
 
     @property
     def na(self) -> int:
@@ -134,8 +173,8 @@ class Scene(Table):
 
     @property
     def nc(self) -> int:
-        """Closure equations: three per spherical joint."""
-        return 3 * sum(joint.cut for joint in self.joints)
+        """Closure equations: three per spherical joint, two per pin of a planar mechanism."""
+        return len(self.loop_axes) * sum(joint.cut for joint in self.joints)
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -144,7 +183,7 @@ class Scene(Table):
         return (*forces, *dict.fromkeys(j.moment for j in reversed(self.joints) if j.moment))
 
     @property
-    def parameters(self) -> stewart.Parameters:
+    def parameters(self) -> stewart.Parameters | stewart.PlanarParameters:
         """The same numbers as the formulas name them."""
         base, guide, rod = self.leg.base, self.leg.guide, self.leg.rod
         leg = stewart.Leg(
@@ -153,52 +192,16 @@ class Scene(Table):
             m_o=base.mass if base else 0.0, J_oz=base.J_z if base else 0.0,
         )  # fmt: skip
         load = stewart.Load(self.load.force, self.load.moment, self.load.point) if self.load else stewart.Load()
-        P = self.platform
-        return stewart.Parameters(leg, P.mass, P.inertia, P.pins, self.hull.pins, self.gravity, load)
+        common = (self.pins, self.hull.pins, self.gravity, load)
+        if self.topology == "planar":
+            return stewart.PlanarParameters(leg, self.platform.mass, self.platform.J_z, *common)
+        return stewart.Parameters(leg, self.platform.mass, self.platform.tensor, *common)
 
 
-def _show(value: Any) -> str:
-    text = repr(value) if not isinstance(value, dict) else "a table"
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _explain(error: ValidationError) -> list[str]:
-    """One line per wrong field: its path, what was got, what is expected."""
-    lines = []
-    for e in error.errors():
-        field = ""
-        for part in e["loc"]:
-            field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
-        kind = e["type"]
-        if kind == "extra_forbidden":
-            lines.append(f"{field}: unknown key, expected none of this name")
-        elif kind == "missing":
-            lines.append(f"{field}: got nothing, expected " + ("one entry more" if field.endswith("]") else "this key"))
-        elif kind in ("less_than_equal", "greater_than_equal"):
-            lines.append(f"{field}: got {_show(e['input'])}, expected a number up to {LARGEST:g}")
-        elif kind == "model_type":
-            lines.append(f"{field}: got {_show(e['input'])}, expected a table")
-        elif kind == "string_pattern_mismatch":
-            lines.append(f"{field}: got {_show(e['input'])}, expected a letter, then up to 63 letters, digits, _ and -")
-        elif kind == "value_error":
-            reason = str(e.get("ctx", {})["error"])
-            lines.append(f"{field}.{reason}" if field else reason)
-        elif kind in ("too_short", "too_long"):
-            ctx = e.get("ctx", {})
-            expected = f"at most {ctx['max_length']}" if kind == "too_long" else f"at least {ctx['min_length']}"
-            lines.append(f"{field}: got {ctx['actual_length']} entries, expected {expected}")
-        else:
-            reason = e["msg"].replace("Input should be", "").strip().replace("a valid tuple", "an array")
-            lines.append(f"{field}: got {_show(e['input'])}, expected {reason}")
-    return lines
-
-
-def _refuse_unsupported(data: dict[str, Any], source: str) -> None:
+def _require_schema(data: dict[str, Any], source: str) -> None:
     schema = data.get("schema", 1)
     if type(schema) is not int or schema != 1:  # by type: True and 1.0 are equal to 1
-        raise SceneError(f"{source}: schema: got {_show(schema)}, expected 1")
-    if data.get("topology") == "planar":
-        raise SceneError(f"{source}: topology: got 'planar', expected 'spatial' (planar scenes are not supported yet)")
+        raise SceneError(f"{source}: schema: got {show(schema)}, expected 1")
 
 
 def printable(path: str | Path) -> str:
@@ -214,11 +217,11 @@ def parse_scene(text: str, source: str) -> Scene:
         raise SceneError(f"{source}: got no TOML, expected a scene: {e}") from None
     if not data:
         raise SceneError(f"{source}: got an empty file, expected a scene (schema = 1, name, topology, [leg], ...)")
-    _refuse_unsupported(data, source)
+    _require_schema(data, source)
     try:
         scene = Scene.model_validate(data)
     except ValidationError as e:
-        raise SceneError("\n".join(f"{source}: {line}" for line in _explain(e))) from None
+        raise SceneError("\n".join(f"{source}: {line}" for line in explain(e))) from None
     scene._source, scene._sha256 = source, hashlib.sha256(text.encode()).hexdigest()
     return scene
 

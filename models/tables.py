@@ -12,6 +12,7 @@ LARGEST = 1e20
 
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=LARGEST)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=LARGEST)]
 Vector = tuple[Finite, Finite, Finite]
 
 
@@ -29,12 +30,12 @@ class Base(Table):
 
 
 class Guide(Table):
-    """Guide: mass [kg], centre of mass at com [m] along y_n, J_x = J_z and J_y [kg m^2] about O_n."""
+    """Guide: mass [kg], centre of mass at com [m] along y_n, J_x = J_z and J_y [kg m^2] about O_n (planar: no J_y)."""
 
     mass: Positive
     com: Finite
     J_x: Positive
-    J_y: Positive
+    J_y: NotNegative = 0.0
 
     @property
     def central_J_x(self) -> float:
@@ -56,11 +57,11 @@ class Guide(Table):
 
 
 class Rod(Table):
-    """Rod: mass [kg], central J_x = J_y transverse and J_z along y_n [kg m^2]."""
+    """Rod: mass [kg], central J_x = J_y transverse and J_z along y_n [kg m^2] (planar: no J_z)."""
 
     mass: Positive
     J_x: Positive
-    J_z: Positive
+    J_z: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _possible(self) -> Rod:
@@ -79,14 +80,25 @@ class LegTable(Table):
 
 
 class Platform(Table):
-    """Platform: mass [kg], central inertia [kg m^2] and pins [m] in its own axes."""
+    """Platform: mass [kg], central inertia [kg m^2] and pins [m] in its own axes.
+
+    In a planar scene `J_z` [kg m^2] stands for the inertia; a point mass has neither `J_z` nor pins.
+    """
 
     mass: Positive
-    inertia: tuple[Vector, Vector, Vector]
-    pins: Annotated[tuple[Vector, ...], Field(min_length=1)]
+    inertia: tuple[Vector, Vector, Vector] | None = None
+    J_z: Positive | None = None
+    pins: Annotated[tuple[Vector, ...], Field(min_length=1)] | None = None
+
+    @property
+    def tensor(self) -> tuple[Vector, Vector, Vector]:
+        """Central inertia [kg m^2], platform axes; of a planar platform about z alone."""
+        return self.inertia or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, self.J_z or 0.0))
 
     @model_validator(mode="after")
     def _possible(self) -> Platform:
+        if self.inertia is None:
+            return self
         for i, j in ((0, 1), (0, 2), (1, 2)):
             upper, lower = self.inertia[i][j], self.inertia[j][i]
             if upper != lower:
@@ -116,6 +128,11 @@ class Component(Table):
     c0: Finite = 0.0
     terms: tuple[Vector, ...] = ()
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is zero at all times, and says nothing else."""
+        return self.c0 == 0.0 and not self.terms
+
 
 class Orientation(Table):
     """cardan_xyz: R = Rx Ry Rz of three angles [rad]; rotation_vector: axis times angle [rad]."""
@@ -125,11 +142,11 @@ class Orientation(Table):
 
 
 class Motion(Table):
-    """Default trajectory: duration [s], position [m] of the platform's centre of mass, orientation."""
+    """Default trajectory: duration [s], position [m] of the platform's centre of mass, orientation (not of a point)."""
 
     duration: Positive
     position: tuple[Component, Component, Component]
-    orientation: Orientation
+    orientation: Orientation | None = None
 
 
 class LoadTable(Table):
@@ -151,7 +168,7 @@ class Initial(Table):
     """Start of a simulation: pose and twist of the platform, world axes."""
 
     position: Vector
-    orientation: InitialOrientation
+    orientation: InitialOrientation | None = None
     velocity: Vector = (0.0, 0.0, 0.0)
     angular_velocity: Vector = (0.0, 0.0, 0.0)
 

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from stewart_crosscheck.analytic import PlatformMotion
+from stewart_crosscheck.analytic import Parameters, PlatformMotion
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, load_scene
@@ -43,6 +43,13 @@ def engine_name(request: pytest.FixtureRequest) -> str:
             raise
         pytest.skip(f"{ENGINES[name]} is not installed")
     return name
+
+
+def parameters(scene: Scene) -> Parameters:
+    """Parameters of a spatial scene."""
+    P = scene.parameters
+    assert isinstance(P, Parameters)
+    return P
 
 
 def one_sample(motion: PlatformMotion, k: int) -> PlatformMotion:

@@ -136,7 +136,7 @@ def dense_newton_euler(scene: Scene, trajectory: Trajectory, k: int) -> dict[str
         passive = P + 6 + 2 * i  # M_o . up = 0, M_n . z = 0
         A[passive, col : col + 3] = up
         A[passive + 1, col + 6 : col + 9] = z
-    body_rows(P, scene.platform.mass, C, aC, inertia_rate(R, np.array(scene.platform.inertia), w, dw))
+    body_rows(P, scene.platform.mass, C, aC, inertia_rate(R, np.array(scene.platform.tensor), w, dw))
     if scene.load:
         f, at = np.array(scene.load.force), C + R @ scene.load.point
         b[P : P + 3] -= f

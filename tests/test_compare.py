@@ -229,7 +229,7 @@ def test_the_tolerance_of_loops_cuts_where_it_says(
     """Scales by hand: the longest leg; the fastest tip and that per second; its largest acceleration likewise."""
     R, w, dw = trajectory.rotation, trajectory.angular_velocity, trajectory.angular_acceleration
     V, A = [], []
-    for p in hexapod.platform.pins:
+    for p in hexapod.pins:
         r = R @ np.array(p)
         V.append(trajectory.velocity + np.cross(w, r))
         A.append(trajectory.acceleration + np.cross(dw, r) + np.cross(w, np.cross(w, r)))

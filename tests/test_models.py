@@ -112,7 +112,7 @@ def test_numbers_in_the_text_are_the_same_float64(seed: int) -> None:
         json.loads(write_loops(scene)),
     )
     assert _attribute(mjcf, "option", "gravity") == list(scene.gravity) == loops["gravity"]
-    for i, (p, O) in enumerate(zip(platform.pins, scene.hull.pins, strict=True), start=1):
+    for i, (p, O) in enumerate(zip(scene.pins, scene.hull.pins, strict=True), start=1):
         assert _attribute(mjcf, f".//body[@name='base{i}']", "pos") == list(O)
         assert _attribute(urdf, f"joint[@name='o{i}']/origin", "xyz") == list(O)
         assert (

@@ -8,6 +8,7 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from conftest import parameters
 from flint import arb, arb_mat
 from machines import dense_newton_euler, random_scene
 
@@ -47,7 +48,7 @@ def formulas_in_balls(scene: Scene, row: dict[str, list[float]], bits: int) -> d
             exact["acceleration"],
             exact["angular_acceleration"],
         )
-        P = _in_balls(scene.parameters)
+        P = _in_balls(parameters(scene))
 
         def solve(rows, right):  # a solver of its own: the library's
             X = arb_mat([list(r) for r in rows]).solve(arb_mat([[b] for b in right]))

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from conftest import parameters
 from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +16,7 @@ from machines import dense_newton_euler, random_scene
 
 from stewart_crosscheck import analytic
 from stewart_crosscheck.analytic import Leg, NotDeterminate, Parameters, PlatformMotion, SingularPose, stewart
-from stewart_crosscheck.analytic.dynamics import BLOCK
+from stewart_crosscheck.analytic.samples import BLOCK
 from stewart_crosscheck.analytic.solve import solve_numbers, solve_samples
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, quantity
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
@@ -32,7 +33,7 @@ def random_state(seed: int, **how) -> tuple[Parameters, PlatformMotion]:
     """Parameters and one sample as plain floats."""
     scene = random_scene(seed, **how)
     motion = from_scene(scene, 3).motion
-    return scene.parameters, PlatformMotion(*(np.asarray(a)[1].tolist() for a in motion))
+    return parameters(scene), PlatformMotion(*(np.asarray(a)[1].tolist() for a in motion))
 
 
 def force_scale(one: stewart.FirstProblem) -> float:
@@ -152,7 +153,7 @@ def test_driving_forces_equal_dense_newton_euler(seed: int) -> None:
     scene = random_scene(seed)
     trajectory = from_scene(scene, 3)
     dense = dense_newton_euler(scene, trajectory, 1)
-    F = analytic.driving_forces(scene.parameters, trajectory.motion)[1]
+    F = analytic.driving_forces(parameters(scene), trajectory.motion)[1]
     # The dense system has condition up to 1e4 here: moments about the world origin.
     np.testing.assert_allclose(F, dense["F"], rtol=0, atol=1e-11 * np.abs(dense["F_o"]).max())
 
@@ -201,7 +202,7 @@ def test_every_leg_parameter_moves_some_reaction(field: str) -> None:
 def test_floats_arrays_and_balls_give_the_same(
     hexapod: Scene, trajectory: Trajectory, samples_as_floats: list[PlatformMotion]
 ) -> None:
-    P = hexapod.parameters
+    P = parameters(hexapod)
     D = analytic.inverse_dynamics(P, trajectory.motion)
     scale = np.abs(D.F_o).max()
     for k in (0, 7, 20):
@@ -224,7 +225,7 @@ def test_long_double_has_three_digits_more(hexapod: Scene, samples_as_floats: li
     """The same text and solver on NumPy long doubles, against 53-bit floats: closer to 200-bit balls."""
     import flint
 
-    motion, P = samples_as_floats[3], hexapod.parameters
+    motion, P = samples_as_floats[3], parameters(hexapod)
     if np.finfo(np.longdouble).nmant <= 52:
         pytest.skip("long double is double on this machine")
     long = PlatformMotion(*(np.array(v, dtype=np.longdouble) for v in motion))
@@ -247,10 +248,10 @@ def test_long_double_has_three_digits_more(hexapod: Scene, samples_as_floats: li
 def test_blocks_do_not_show(hexapod: Scene) -> None:
     """More samples than a block: every sample equals the one computed alone."""
     motion = from_scene(hexapod, 2 * BLOCK + 3).motion
-    D = analytic.inverse_dynamics(hexapod.parameters, motion)
+    D = analytic.inverse_dynamics(parameters(hexapod), motion)
     for k in (0, BLOCK - 1, BLOCK, 2 * BLOCK + 2):
         alone = analytic.inverse_dynamics(
-            hexapod.parameters, PlatformMotion(*(np.asarray(a)[k : k + 1] for a in motion))
+            parameters(hexapod), PlatformMotion(*(np.asarray(a)[k : k + 1] for a in motion))
         )
         for name in hexapod.quantities:
             np.testing.assert_allclose(
@@ -259,7 +260,7 @@ def test_blocks_do_not_show(hexapod: Scene) -> None:
 
 
 def test_agrees_with_truth(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> None:
-    D = analytic.inverse_dynamics(hexapod.parameters, trajectory.motion)
+    D = analytic.inverse_dynamics(parameters(hexapod), trajectory.motion)
     scale = np.abs(truth.reactions[..., 3:]).max()
     for name in hexapod.quantities:
         want = quantity(hexapod, name, truth.F, truth.reactions)
@@ -272,7 +273,7 @@ def test_agrees_with_truth(hexapod: Scene, trajectory: Trajectory, truth: Dynami
 
 def test_a_world_offset_costs_nothing(hexapod: Scene, samples_as_floats: list[PlatformMotion]) -> None:
     """1e6 m away, coordinates rounded to exact multiples first: C_p - O is formed before R p is added."""
-    P, motion = hexapod.parameters, samples_as_floats[2]
+    P, motion = parameters(hexapod), samples_as_floats[2]
     grid = lambda v: tuple(round(x * 2**20) / 2**20 for x in v)  # noqa: E731  sums with 2^20 m stay exact
     shift = (2.0**20, -(2.0**20), 2.0**20)
     near = dataclasses.replace(P, O=tuple(grid(o) for o in P.O))
@@ -284,7 +285,7 @@ def test_a_world_offset_costs_nothing(hexapod: Scene, samples_as_floats: list[Pl
 
 def test_a_small_platform_keeps_its_digits(hexapod: Scene, samples_as_floats: list[PlatformMotion]) -> None:
     """Pins scaled by 2^-20: levers R p keep 1e-14, the printed levers O - C_p + L y_n lose six digits."""
-    P, motion = hexapod.parameters, samples_as_floats[2]
+    P, motion = parameters(hexapod), samples_as_floats[2]
     r = 2.0**-20
     small = dataclasses.replace(
         P,
@@ -323,7 +324,7 @@ def _vertical_leg(P: Parameters, motion: PlatformMotion, offset: float) -> Param
 @pytest.mark.parametrize("offset", [0.0, 1e-15, 1e-9, 1e-6])
 def test_a_vertical_leg_without_spin_inertia_is_regular(offset: float, samples_as_floats: list, hexapod: Scene) -> None:
     """J_oz = J_y = 0: the force at s = 0 is the limit of the forces at s -> 0."""
-    P, motion = hexapod.parameters, samples_as_floats[1]
+    P, motion = parameters(hexapod), samples_as_floats[1]
     P = dataclasses.replace(P, leg=dataclasses.replace(P.leg, J_oz=0.0, J_ny=0.0, J_sz=0.0))
     F = analytic.driving_forces(_vertical_leg(P, motion, offset), _one(motion))[0]
     limit = analytic.driving_forces(_vertical_leg(P, motion, 1e-12), _one(motion))[0]
@@ -339,7 +340,7 @@ def _one(motion: PlatformMotion) -> PlatformMotion:
 def test_moments_without_spin_inertia_are_the_limit_of_small_ones(
     hexapod: Scene, samples_as_floats: list[PlatformMotion]
 ) -> None:
-    P, motion = hexapod.parameters, samples_as_floats[1]
+    P, motion = parameters(hexapod), samples_as_floats[1]
     none, little = (
         first_problem(dataclasses.replace(P, leg=dataclasses.replace(P.leg, J_oz=J, J_ny=J, J_sz=J)), motion)
         for J in (0.0, 1e-14)
@@ -351,7 +352,7 @@ def test_moments_without_spin_inertia_are_the_limit_of_small_ones(
 def test_a_leg_just_off_the_vertical_is_solved(hexapod: Scene, samples_as_floats: list[PlatformMotion]) -> None:
     """Refused below sin q_n = 1e-12, and not above: the force is huge, and told."""
     motion = samples_as_floats[1]
-    F = analytic.driving_forces(_vertical_leg(hexapod.parameters, motion, 5e-12), _one(motion))
+    F = analytic.driving_forces(_vertical_leg(parameters(hexapod), motion, 5e-12), _one(motion))
     assert np.isfinite(F).all()
 
 
@@ -360,11 +361,11 @@ def test_base_angles_are_continued_without_jumps(hexapod: Scene) -> None:
     t = np.linspace(0.0, 1.0, 50)
     angle = 2 * np.pi * t
     zero = np.zeros((50, 3))
-    O = np.array(hexapod.parameters.O[0])
-    tip = np.array(hexapod.parameters.p[0])
+    O = np.array(parameters(hexapod).O[0])
+    tip = np.array(parameters(hexapod).p[0])
     C_p = O + np.column_stack([0.1 * np.cos(angle), 0.9 + 0 * t, 0.1 * np.sin(angle)]) - tip
     motion = PlatformMotion(C_p, np.broadcast_to(np.eye(3), (50, 3, 3)), zero, zero, zero, zero)
-    q_o = analytic.inverse_kinematics(hexapod.parameters, motion).q_o[:, 0]
+    q_o = analytic.inverse_kinematics(parameters(hexapod), motion).q_o[:, 0]
     np.testing.assert_allclose(np.diff(q_o), np.diff(q_o)[0], rtol=1e-6)
     assert abs(q_o[-1] - q_o[0]) == pytest.approx(2 * np.pi)
 
@@ -375,7 +376,7 @@ def test_base_angles_are_continued_without_jumps(hexapod: Scene) -> None:
 @pytest.mark.parametrize("offset", [0.0, 1e-14])
 def test_a_vertical_leg_with_base_inertia_is_refused(offset: float, hexapod: Scene, trajectory: Trajectory) -> None:
     motion = trajectory.motion
-    P = _vertical_leg(hexapod.parameters, PlatformMotion(*(a[3] for a in motion)), offset)
+    P = _vertical_leg(parameters(hexapod), PlatformMotion(*(a[3] for a in motion)), offset)
     with pytest.raises(SingularPose, match=r"sample 3, leg 1: sin q_n = .*base or spin inertia") as e:
         analytic.inverse_dynamics(P, motion)
     assert (e.value.sample, e.value.leg) == (3, 1)
@@ -384,7 +385,7 @@ def test_a_vertical_leg_with_base_inertia_is_refused(offset: float, hexapod: Sce
 
 def test_a_parallel_singularity_is_refused(hexapod: Scene, trajectory: Trajectory) -> None:
     """Pins of legs 2 and 5 at the same two points: their columns are equal."""
-    P = hexapod.parameters
+    P = parameters(hexapod)
     P = dataclasses.replace(P, p=(*P.p[:4], P.p[1], P.p[5]), O=(*P.O[:4], P.O[1], P.O[5]))
     with pytest.raises(SingularPose, match=r"sample \d+, leg [25]: row-scaled condition .* above 1e\+12") as e:
         analytic.inverse_dynamics(P, trajectory.motion)
@@ -396,14 +397,14 @@ def test_the_singular_sample_is_named_across_blocks(hexapod: Scene) -> None:
     R = motion.R.copy()
     R[BLOCK + 4] = 0.0  # all levers vanish: no rotation, but a matrix of rank 3
     with pytest.raises(SingularPose, match=f"sample {BLOCK + 4}, "):
-        analytic.inverse_dynamics(hexapod.parameters, motion._replace(R=R))
+        analytic.inverse_dynamics(parameters(hexapod), motion._replace(R=R))
 
 
 @pytest.mark.parametrize(("N", "kind"), [(5, "overdetermined: 1 too many"), (8, "underdetermined: 2 too many")])
 def test_other_numbers_of_legs_say_what_is_determined(
     N: int, kind: str, hexapod: Scene, trajectory: Trajectory
 ) -> None:
-    P = hexapod.parameters
+    P = parameters(hexapod)
     pins = lambda rows: (*rows, stewart.mul(0.9, rows[0]), stewart.mul(0.8, rows[3]))[:N]  # noqa: E731
     other = dataclasses.replace(P, p=pins(P.p), O=pins(P.O))
     with pytest.raises(NotDeterminate, match=kind) as e:
@@ -423,18 +424,18 @@ def test_other_numbers_of_legs_say_what_is_determined(
 def test_wrong_shapes_are_named(field: str, shape: tuple[int, ...], hexapod: Scene) -> None:
     motion = PlatformMotion(*(np.zeros((4, 3, 3)) if n == "R" else np.zeros((4, 3)) for n in PlatformMotion._fields))
     with pytest.raises(ValueError, match=r"motion\.\w+: got shape .* expected"):
-        analytic.inverse_dynamics(hexapod.parameters, motion._replace(**{field: np.zeros(shape)}))
+        analytic.inverse_dynamics(parameters(hexapod), motion._replace(**{field: np.zeros(shape)}))
 
 
 @pytest.mark.parametrize("C_p", [np.zeros((0, 3)), np.array(1.0)])
 def test_a_motion_without_samples_is_refused(C_p: np.ndarray, hexapod: Scene, trajectory: Trajectory) -> None:
     with pytest.raises(ValueError, match=r"motion\.C_p: got shape .* at least one sample"):
-        analytic.inverse_dynamics(hexapod.parameters, trajectory.motion._replace(C_p=C_p))
+        analytic.inverse_dynamics(parameters(hexapod), trajectory.motion._replace(C_p=C_p))
 
 
 def test_pins_must_come_in_pairs(hexapod: Scene) -> None:
     with pytest.raises(ValueError, match="got 5 platform pins p and 6 hull pins O"):
-        dataclasses.replace(hexapod.parameters, p=hexapod.parameters.p[:5])
+        dataclasses.replace(parameters(hexapod), p=parameters(hexapod).p[:5])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -442,4 +443,4 @@ def test_values_that_are_not_finite_are_named(value: float, hexapod: Scene, traj
     broken = trajectory.velocity.copy()
     broken[7, 1] = value
     with pytest.raises(ValueError, match=r"motion\.dC_p: sample 7 is not finite"):
-        analytic.inverse_dynamics(hexapod.parameters, trajectory.motion._replace(dC_p=broken))
+        analytic.inverse_dynamics(parameters(hexapod), trajectory.motion._replace(dC_p=broken))

@@ -459,7 +459,7 @@ def moved_pin(scene: Scene, leg: int, pin: list[float]) -> Scene:
 
 
 def tip(scene: Scene, trajectory: Trajectory, leg: int, sample: int) -> np.ndarray:
-    return trajectory.position[sample] + trajectory.rotation[sample] @ scene.platform.pins[leg - 1]
+    return trajectory.position[sample] + trajectory.rotation[sample] @ scene.pins[leg - 1]
 
 
 def test_a_vertical_leg_is_refused_with_time_leg_and_sine(hexapod: Scene, tmp_path: Path) -> None:
@@ -489,7 +489,7 @@ def test_the_condition_is_that_of_rows_scaled_to_one(hexapod: Scene) -> None:
     trajectory = from_scene(hexapod, 3)
     for k in range(3):
         columns = []
-        for p, O in zip(hexapod.platform.pins, hexapod.hull.pins, strict=True):
+        for p, O in zip(hexapod.pins, hexapod.hull.pins, strict=True):
             r = trajectory.rotation[k] @ np.array(p)
             l = trajectory.position[k] + r - O
             y = l / np.linalg.norm(l)

@@ -59,9 +59,16 @@ class DartEngine(KktEngine):
         """A free joint: rotation vector, then position; velocities and accelerations angular, linear, in world axes."""
         nt, nv = len(trajectory.t), self.skeleton.getNumDofs()
         q, v, a = np.zeros((nt, nv)), np.zeros((nt, nv)), np.zeros((nt, nv))
-        for name in self.scene.coordinates:
-            j = self.velocity_index(name)
+        own = self.scene.platform_coordinates
+        index = {name: self.velocity_index(name) for name in self.scene.coordinates}
+        if self.scene.freedom == "planar":  # one joint of three coordinates, world axes
+            index |= {name: self.velocity_index("platform") + n for n, name in enumerate(own)}
+        else:
+            index |= {name: self.velocity_index(name) for name in own}
+        for name, j in index.items():
             q[:, j], v[:, j], a[:, j] = trajectory.q[name], trajectory.v[name], trajectory.a[name]
+        if self.scene.freedom != "spatial":
+            return State(q, v, a)
         j = self.velocity_index("platform")
         for k, (R, p) in enumerate(zip(trajectory.rotation, trajectory.position, strict=True)):
             T = self.dart.math.Isometry3()
@@ -75,8 +82,9 @@ class DartEngine(KktEngine):
     def terms(self, state: State) -> Terms:
         """Mass matrix times accelerations plus bias less load, Jacobians and accelerations of the loop points."""
         sk, scene, load = self.skeleton, self.scene, self.scene.load
-        out = Terms.empty(len(state.q), state.q.shape[1], scene.N)
-        hulls = [sk.getJoint(f"o{i}").getTransformFromParentBodyNode().translation() for i in scene.legs]
+        out = Terms.empty(len(state.q), state.q.shape[1], scene)
+        hulls = [sk.getJoint(c).getTransformFromParentBodyNode().translation() for c in scene.hull_coordinates]
+        axes, rows = list(scene.loop_axes), len(scene.loop_axes)
         for k in range(len(state.q)):
             self._set(state, k)
             out.tau[k] = sk.getMassMatrix() @ state.a[k] + sk.getCoriolisAndGravityForces()
@@ -87,7 +95,7 @@ class DartEngine(KktEngine):
                 tip, pin = (body.getWorldTransform().multiply(point) for body, point in ends)
                 J_tip, J_pin = (sk.getLinearJacobian(body, point) for body, point in ends)
                 a_tip, a_pin = (body.getLinearAcceleration(point) for body, point in ends)
-                out.J[k, 3 * i : 3 * i + 3] = J_tip - J_pin
+                out.J[k, rows * i : rows * (i + 1)] = (J_tip - J_pin)[axes]
                 out.gap[k, i], out.gap_acceleration[k, i] = tip - pin, a_tip - a_pin
                 axis = tip - hulls[i]
                 out.L[k, i] = np.linalg.norm(axis)

@@ -45,9 +45,11 @@ class MujocoEngine(KktEngine):
         m = self.model
         nt = len(trajectory.t)
         q, v, a = np.zeros((nt, m.nq)), np.zeros((nt, m.nv)), np.zeros((nt, m.nv))
-        for name in self.scene.coordinates:
+        for name in (*self.scene.coordinates, *self.scene.platform_coordinates):
             i, j = int(m.joint(name).qposadr[0]), self.velocity_index(name)
             q[:, i], v[:, j], a[:, j] = trajectory.q[name], trajectory.v[name], trajectory.a[name]
+        if self.scene.freedom != "spatial":
+            return State(q, v, a)
         i, j = int(m.joint("platform").qposadr[0]), self.velocity_index("platform")
         q[:, i : i + 3], q[:, i + 3 : i + 7] = trajectory.position, trajectory.unit_quaternion
         v[:, j : j + 3], v[:, j + 3 : j + 6] = trajectory.velocity, trajectory.in_body(trajectory.angular_velocity)
@@ -59,13 +61,13 @@ class MujocoEngine(KktEngine):
         """``mj_inverse`` counts soft loop forces that we do not want: adding qfrc_constraint takes them out again."""
         mj, m, d, scene = self.mj, self.model, self.data, self.scene
         nt = len(state.q)
-        out = Terms.empty(nt, m.nv, scene.N)
-        anchors = [m.joint(f"o{i}").id for i in scene.legs]
+        out = Terms.empty(nt, m.nv, scene)
+        anchors = [m.joint(c).id for c in scene.hull_coordinates]
         velocity, acceleration = np.empty(6), np.empty((2, 6))
         for k in range(nt):
             self._evaluate(state, k)
             out.tau[k] = d.qfrc_inverse + d.qfrc_constraint - self._load()
-            out.J[k] = d.efc_J.reshape(scene.nc, m.nv)
+            out.J[k] = d.efc_J.reshape(-1, 3, m.nv)[:, scene.loop_axes].reshape(scene.nc, m.nv)
             out.gap[k] = d.site_xpos[self.tips] - d.site_xpos[self.pins]
             axis = d.site_xpos[self.tips] - d.xanchor[anchors]
             out.L[k] = np.linalg.norm(axis, axis=1)
@@ -99,8 +101,8 @@ class MujocoEngine(KktEngine):
         return wrench.from_mujoco(cfrc, center, point)
 
     def _evaluate(self, state: State, k: int) -> None:
-        """Everything that MuJoCo derives from one state; the rows must be the loops and nothing else."""
-        mj, m, d, nc = self.mj, self.model, self.data, self.scene.nc
+        """Everything that MuJoCo derives from one state; the rows must be the loops' three each and nothing else."""
+        mj, m, d, nc = self.mj, self.model, self.data, 3 * self.scene.N
         d.qpos, d.qvel, d.qacc = state.q[k], state.v[k], state.a[k]
         mj.mj_inverse(m, d)
         if d.nefc != nc or (d.efc_type != mj.mjtConstraint.mjCNSTR_EQUALITY).any():

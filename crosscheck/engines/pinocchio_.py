@@ -36,7 +36,7 @@ class PinocchioEngine(KktEngine):
         self.loops = [
             tuple(self._add_frame(loop["name"], loop[end]) for end in ("child", "parent")) for loop in closures["loops"]
         ]
-        self.platform = self.model.getJointId("platform")
+        self.platform = self.model.getJointId("platform_y" if scene.freedom == "point" else "platform")
         self.data = self.model.createData()
 
     def _add_frame(self, loop: str, end: Mapping[str, Any]) -> int:
@@ -54,16 +54,31 @@ class PinocchioEngine(KktEngine):
         """Index of a joint coordinate in v."""
         return self.model.joints[self.model.getJointId(coordinate)].idx_v
 
+    def _scalar_coordinates(self) -> tuple[str, ...]:
+        """Coordinates with a joint of their own: those of a planar platform share one."""
+        scene = self.scene
+        return (*scene.coordinates, *(scene.platform_coordinates if scene.freedom == "point" else ()))
+
     def state(self, trajectory: Trajectory) -> State:
         """Quaternion scalar last; a free flyer's twist and acceleration are spatial, in body axes."""
         m = self.model
         nt = len(trajectory.t)
         q, v, a = np.zeros((nt, m.nq)), np.zeros((nt, m.nv)), np.zeros((nt, m.nv))
-        for name in self.scene.coordinates:
+        for name in self._scalar_coordinates():
             i, j = m.joints[m.getJointId(name)].idx_q, self.velocity_index(name)
             q[:, i], v[:, j], a[:, j] = trajectory.q[name], trajectory.v[name], trajectory.a[name]
+        if self.scene.freedom == "point":
+            return State(q, v, a)
         i, j = m.joints[self.platform].idx_q, self.velocity_index("platform")
         spatial = trajectory.acceleration - np.cross(trajectory.angular_velocity, trajectory.velocity)
+        if self.scene.freedom == "planar":  # position, cosine and sine; the same twist, without what is zero
+            q[:, i : i + 2], q[:, i + 2 : i + 4] = trajectory.position[:, :2], trajectory.rotation[:, :2, 0]
+            for x, linear, angular in (
+                (v, trajectory.velocity, trajectory.angular_velocity),
+                (a, spatial, trajectory.angular_acceleration),
+            ):
+                x[:, j : j + 2], x[:, j + 2] = trajectory.in_body(linear)[:, :2], angular[:, 2]
+            return State(q, v, a)
         q[:, i : i + 3], q[:, i + 3 : i + 7] = trajectory.position, trajectory.unit_quaternion[:, [1, 2, 3, 0]]
         v[:, j : j + 3], v[:, j + 3 : j + 6] = (
             trajectory.in_body(x) for x in (trajectory.velocity, trajectory.angular_velocity)
@@ -76,9 +91,10 @@ class PinocchioEngine(KktEngine):
     def terms(self, state: State) -> Terms:
         """``rnea`` under the load, frame Jacobians and classical accelerations of the loop points."""
         pin, m, d, scene, load = self.pin, self.model, self.data, self.scene, self.scene.load
-        out = Terms.empty(len(state.q), m.nv, scene.N)
+        out = Terms.empty(len(state.q), m.nv, scene)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        hulls = [m.getJointId(f"o{i}") for i in scene.legs]
+        hulls = [m.getJointId(c) for c in scene.hull_coordinates]
+        axes, rows = list(scene.loop_axes), len(scene.loop_axes)
         for k, (q, v, a) in enumerate(zip(*state, strict=True)):
             pin.computeJointJacobians(m, d, q)
             pin.forwardKinematics(m, d, q, v, a)
@@ -87,7 +103,7 @@ class PinocchioEngine(KktEngine):
                 tip, pinned = (d.oMf[f].translation for f in ends)
                 J_tip, J_pin = (pin.getFrameJacobian(m, d, f, world)[:3] for f in ends)
                 a_tip, a_pin = (pin.getFrameClassicalAcceleration(m, d, f, world).linear for f in ends)
-                out.J[k, 3 * i : 3 * i + 3] = J_tip - J_pin
+                out.J[k, rows * i : rows * (i + 1)] = (J_tip - J_pin)[axes]
                 out.gap[k, i], out.gap_acceleration[k, i] = tip - pinned, a_tip - a_pin
                 axis = tip - d.oMi[hulls[i]].translation
                 out.L[k, i] = np.linalg.norm(axis)

@@ -18,7 +18,7 @@ from flint import arb
 
 from ...models.scene import Scene
 from ..engine import DynamicsResult, EngineError, by_joint, engine_version
-from ..newton_euler import Sample
+from ..newton_euler import Infeasible, Sample
 
 FIRST_BITS, MOST_BITS = 128, 8192
 BOUND = 1e-20
@@ -32,7 +32,7 @@ SEED = 20160403
 
 
 class NotCertified(EngineError):
-    """No radius below the bound up to the largest precision: the pose is singular, or nearly so."""
+    """No radius below the bound up to the largest precision (a singular pose), or no forces at all."""
 
 
 def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = BOUND) -> dict[str, list]:
@@ -41,7 +41,7 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
     Parameters
     ----------
     scene : Scene
-        N = 6.
+        N = 6; planar: 3, or 2 for a point mass.
     row : position, quaternion (scalar first, any length), velocity, angular_velocity, acceleration,
         angular_acceleration of the platform: exact float64, world axes, SI units.
     bound : wanted radius relative to the largest force of the sample (moments: times the longest leg).
@@ -49,13 +49,13 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
     Returns
     -------
     dict
-        ``F, L, dL``: six balls; ``F_r, F_s, F_n, F_o, M_s, M_n, M_o``: six vectors of balls, world axes; ``power``:
+        ``F, L, dL``: a ball per leg; ``F_r, F_s, F_n, F_o, M_s, M_n, M_o``: a vector per leg, world axes; ``power``:
         one ball, d(T + V)/dt minus the power of load and actuators, which contains zero.
 
     Raises
     ------
     NotCertified
-        The radius stays above the bound at 8192 bits.
+        The radius stays above the bound at 8192 bits, or the motion is infeasible.
     """
     before = flint.ctx.prec
     bits = FIRST_BITS
@@ -67,6 +67,8 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
             except ZeroDivisionError:
                 bits *= 2
                 continue
+            except Infeasible as e:
+                raise NotCertified(f"reference: {e}") from None
             balls = {
                 name: [x for v in values for x in (v if isinstance(v, tuple) else (v,))] for name, values in out.items()
             }
