@@ -264,12 +264,17 @@ def lever_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
     return add(mul(k.L, k.y_n), sub(O, C_p))
 
 
+def loop_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
+    """Right sides of (31) [m] as printed, x_r, y_r, z_r of C_p O_r = p_i (p^x, p^y, p^z)."""
+    return (-k.co * k.s * k.L + O[0] - C_p[0], k.c * k.L + O[1] - C_p[1], k.so * k.s * k.L + O[2] - C_p[2])
+
+
 def in_world(k: LegState, x: Scalar, y: Scalar, z: Scalar) -> Vector:
     """The vector x x_n + y y_n + z z_n, by (18)."""
     return add(mul(x, k.x_n), mul(y, k.y_n), mul(z, k.z_n))
 
 
-# --- Statement 1: reaction in the spherical joint, (1)-(5) ------------------------------------------------------------
+# --- Statement 1: reaction in the spherical joint, (1)-(6) ------------------------------------------------------------
 
 
 class Loads(NamedTuple):
@@ -349,6 +354,16 @@ def joint_reaction_r(k: LegState, loads: Loads, X: Scalar) -> Vector:
     return in_world(k, -loads.M_in / k.L, -X, loads.M_io_s / k.L)
 
 
+def rod_load_printed(leg: Leg, k: LegState, h: HingeRates, g: Vector) -> Vector:
+    """The vector F_is [N] of (6), inertia and weight of the rod, world axes; its part along y_n is F_is of (2)."""
+    return mul(leg.m_s, sub(second_derivative_along(k, h, k.q_s, k.dq_s, k.ddq_s), g))
+
+
+def rod_balance_printed(leg: Leg, k: LegState, h: HingeRates, F_s: Vector, g: Vector) -> Vector:
+    """F_r [N], world axes, from the rod's own balance: (6) as printed, any gravity."""
+    return sub(rod_load_printed(leg, k, h, g), F_s)
+
+
 # --- Statement 2: driving forces, (7)-(15) ----------------------------------------------------------------------------
 
 
@@ -357,6 +372,28 @@ def platform_momentum_rate(P: Parameters, motion: PlatformMotion) -> Vector:
     w_P = apply_transposed(motion.R, motion.w_p)
     dw_P = apply_transposed(motion.R, motion.dw_p)
     return apply(motion.R, add(apply(P.I_p, dw_P), cross(w_P, apply(P.I_p, w_P))))
+
+
+def platform_momentum_rate_principal(
+    moments: Vector, axes: Sequence[Vector], daxes: Sequence[Vector], pqr: Vector, dpqr: Vector
+) -> Vector:
+    """(I_p . w_p)'_t [N m], world axes, as the text under (8) has it, with principal moments A_p, B_p, C_p.
+
+    ``axes``: principal axes x_p, y_p, z_p in the world, ``daxes`` their rates; ``pqr``: w_p along them, ``dpqr`` rates.
+    """
+    return add(
+        *(add(mul(J * dp, e), mul(J * p, de)) for J, e, de, p, dp in zip(moments, axes, daxes, pqr, dpqr, strict=True))
+    )
+
+
+def platform_balance_printed(
+    P: Parameters, motion: PlatformMotion, levers: Sequence[Vector], F_r: Sequence[Vector]
+) -> tuple[Vector, Vector]:
+    """(15) as printed, left less right sides [N], [N m]: zero for the forces F_r on the rods and levers C_p O_r."""
+    return (
+        add(mul(P.m_p, sub(motion.ddC_p, P.g)), *F_r),
+        add(platform_momentum_rate(P, motion), *(cross(r, f) for r, f in zip(levers, F_r, strict=True))),
+    )
 
 
 def outside_wrench(P: Parameters, motion: PlatformMotion) -> tuple[Vector, Vector]:
@@ -385,24 +422,48 @@ def platform_equations(
     return rows, [*right_7, *right_8]
 
 
+def cosines_printed(k: LegState) -> tuple[Vector, Vector]:
+    """(x^x, x^y, x^z) and (y^x, y^y, y^z), direction cosines of x_n and y_n: (9) as printed."""
+    return (k.co * k.c, k.s, -k.so * k.c), (-k.co * k.s, k.c, k.so * k.s)
+
+
+def hull_pin_printed(O: Vector, C_p: Vector) -> Vector:
+    """x, y, z [m], the hull pin seen from C_p: (10) as printed."""
+    return sub(O, C_p)
+
+
+def arms_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
+    """y_x, y_y, y_z [m], moment of a unit force along y_n about C_p: (11) as printed."""
+    x, y, z = hull_pin_printed(O, C_p)
+    _, (yx, _, yz) = cosines_printed(k)
+    return (y * yz - z * k.c, z * yx - x * yz, x * k.c - y * yx)
+
+
+def moments_printed(k: LegState, O: Vector, C_p: Vector, loads: Loads) -> Vector:
+    """Share of one leg in M_x, M_y, M_z [N m]: (12)-(14) as printed."""
+    L, so, co, s, M_in, M_io_s = k.L, k.so, k.co, k.s, loads.M_in, loads.M_io_s
+    (xx, _, xz), _ = cosines_printed(k)
+    x, y, z = hull_pin_printed(O, C_p)
+    return (
+        (M_in * (y * xz - z * s - L * so) - M_io_s * (y * co + L * xx)) / L,  # (12)
+        (M_in * (z * xx - x * xz) - M_io_s * (z * so - x * co + L * s)) / L,  # (13)
+        (M_in * (x * s - y * xx - L * co) - M_io_s * (L * xz - y * so)) / L,  # (14)
+    )
+
+
 def platform_equations_printed(
     P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], loads: Sequence[Loads]
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
     """The scalar 6 x 6 system: x_r, y_r, z_r of (7) and (8) with the coefficients (9)-(14) as printed."""
     rows: list[list[Scalar]] = [[] for _ in range(6)]
     right = [*mul(P.m_p, sub(motion.ddC_p, P.g)), *platform_momentum_rate(P, motion)]
-    for k, O, (_, M_in, M_io_s) in zip(legs, P.O, loads, strict=True):
-        L, so, co, s, c = k.L, k.so, k.co, k.s, k.c
-        xx, xz, yx, yz = co * c, -so * c, -co * s, so * s  # (9)
-        x, y, z = sub(O, motion.C_p)  # (10)
-        y_x, y_y, y_z = y * yz - z * c, z * yx - x * yz, x * c - y * yx  # (11)
-        M_x = (M_in * (y * xz - z * s - L * so) - M_io_s * (y * co + L * xx)) / L  # (12)
-        M_y = (M_in * (z * xx - x * xz) - M_io_s * (z * so - x * co + L * s)) / L  # (13)
-        M_z = (M_in * (x * s - y * xx - L * co) - M_io_s * (L * xz - y * so)) / L  # (14)
-        f = mul(1.0 / L, sub(mul(M_in, k.x_n), mul(M_io_s, k.z_n)))
-        for row, value in zip(rows, (yx, c, yz, y_x, y_y, y_z), strict=True):
+    for k, O, load in zip(legs, P.O, loads, strict=True):
+        _, y_n = cosines_printed(k)
+        f = mul(1.0 / k.L, sub(mul(load.M_in, k.x_n), mul(load.M_io_s, k.z_n)))
+        for row, value in zip(rows, (*y_n, *arms_printed(k, O, motion.C_p)), strict=True):
             row.append(value)
-        right = [b - d for b, d in zip(right, (*f, M_x, M_y, M_z), strict=True)]
+        M = moments_printed(k, O, motion.C_p, load)
+        right = [b - d for b, d in zip(right, (*f, *M), strict=True)]
     force, moment = outside_wrench(P, motion)
     return rows, [b - d for b, d in zip(right, (*force, *moment), strict=True)]
 
@@ -500,11 +561,16 @@ def joint_forces_printed(leg: Leg, k: LegState, h: HingeRates, loads: Loads, F: 
     return Forces(F_r, F_s, F_n, F_o)
 
 
+def y_x_F_r_printed(k: LegState, loads: Loads) -> Vector:
+    """y_n x F_r [N], world axes: (30) as printed."""
+    return in_world(k, loads.M_io_s / k.L, 0.0 * k.L, loads.M_in / k.L)
+
+
 def joint_moments_printed(leg: Leg, k: LegState, h: HingeRates, loads: Loads, g: Vector) -> Moments:
     """(27)-(29) as printed; G z_n of (28) is -m_q y_n x g, which serves any gravity."""
     _, _, m_q = inertia(leg, k.q_s)
     zero = 0.0 * k.L
-    y_x_F_r = in_world(k, loads.M_io_s / k.L, zero, loads.M_in / k.L)  # (30)
+    y_x_F_r = y_x_F_r_printed(k, loads)  # (30)
     M_s = sub(moment_rate(k, h, leg.J_sx, zero, leg.J_sz), mul(leg.a, y_x_F_r))  # (27)
     M_n = sub(sub(momentum_rate_of_leg(leg, k, h), mul(k.L, y_x_F_r)), mul(m_q, cross(k.y_n, g)))  # (28)
     M_o = add((zero, leg.J_oz * h.ddq_o, zero), M_n)  # (29)
