@@ -89,6 +89,11 @@ def require_determinate(scene: Scene) -> None:
         )
 
 
+def new_run_id(name: str, started: datetime | None = None) -> str:
+    """Name of a folder of results: time in UTC, what was run, and something that no other run has."""
+    return f"{started or datetime.now(UTC):%Y%m%dT%H%M%SZ}-{name}-{secrets.token_hex(2)}"
+
+
 def run(
     scene: Scene,
     trajectory: Trajectory,
@@ -112,7 +117,7 @@ def run(
     chosen = choose_engines(engines)
     require_determinate(scene)
     started, start = datetime.now(UTC), perf_counter()
-    run_id = f"{started:%Y%m%dT%H%M%SZ}-{scene.name}-{secrets.token_hex(2)}"
+    run_id = new_run_id(scene.name, started)
     able = [name for name, engine in chosen.items() if not isinstance(engine, Failure)]
     for name, engine in chosen.items():
         if isinstance(engine, Failure):
