@@ -112,7 +112,7 @@ class Row(NamedTuple):
 
 def equation(key: str, states: str, where: str, scenes: tuple[str, ...], residual: Measure, **more: Any) -> Row:
     """Row of a numbered equation; ``where``: names in `stewart`, separated by spaces."""
-    return Row(key, "equation", key, states, _names(where), scenes, residual, **{"tolerance": LOADS} | more)
+    return Row(key, "equation", key, states, _names(where), scenes, residual, more.pop("tolerance", LOADS), **more)
 
 
 def misprint(
@@ -125,8 +125,8 @@ def misprint(
     **more: Any,
 ) -> Row:
     """Row of a misprint that changes a number of an equation; ``readings``: the correct one, the printed one."""
-    more = {"tolerance": LOADS, "printed": readings[1]} | more
-    return Row(key, "misprint", number, states, _names(where), scenes, readings[0], **more)
+    tolerance = more.pop("tolerance", LOADS)
+    return Row(key, "misprint", number, states, _names(where), scenes, readings[0], tolerance, readings[1], **more)
 
 
 def control(
@@ -139,8 +139,8 @@ def control(
     **more: Any,
 ) -> Row:
     """Row of a deliberate mistake that must show; ``readings``: the correct one, the wrong one."""
-    more = {"tolerance": LOADS, "printed": readings[1]} | more
-    return Row(key, "control", number, states, _names(where), scenes, readings[0], **more)
+    tolerance = more.pop("tolerance", LOADS)
+    return Row(key, "control", number, states, _names(where), scenes, readings[0], tolerance, readings[1], **more)
 
 
 def text(key: str, number: str, states: str, where: str, prints: str, correct: str, **more: Any) -> Row:
