@@ -38,7 +38,7 @@ def _measured(rows: pd.DataFrame, wide: bool) -> Table:
     """Place, function, residuals and verdict; a second function has a line of its own. Wide: what it states, too."""
     two = rows["printed_residual"].notna().any()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.add_column("place" if two else "equation", max_width=21, overflow="fold")
+    table.add_column("place" if two else "equation", max_width=22, overflow="fold")
     if wide:
         table.add_column("states", overflow="fold")
     table.add_column("where", overflow="fold")
@@ -74,14 +74,8 @@ def print_audit(audit: pd.DataFrame, console: Console) -> None:
     console.print("* probably damage of the scanned copy that was read, not of the paper", highlight=False)
     failed = audit[audit["verdict"] == "fail"]
     for _, row in failed.iterrows():
-        printed = row["printed_residual"]
-        console.print(
-            f"[bold red]FAIL[/] {escape(str(row['row']))}, {escape(str(row['states']))}: residual"
-            f" {row['residual']:.2e}, allowed {row['tolerance']:.1e} ({row['tolerance_name']})"
-            + ("" if pd.isna(printed) else f"; printed reading {printed:.2e}"),
-            highlight=False,
-            soft_wrap=True,
-        )
+        text = f"{row['row']}, {row['states']}: {row['reason']}"
+        console.print(f"[bold red]FAIL[/] {escape(text)}", highlight=False, soft_wrap=True)
     counts = audit["kind"].value_counts()
     summary = ", ".join(f"{counts[kind]} {noun}" for kind, noun in _NOUNS.items() if kind in counts)
     verdict = f"{len(failed)} of the rows fail" if len(failed) else "every equation holds and every misprint shows"
