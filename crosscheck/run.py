@@ -82,11 +82,13 @@ def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
 def require_determinate(scene: Scene) -> None:
     """Raise SceneError unless the tree's velocities are the actuators plus the closure equations."""
     if scene.nv != scene.na + scene.nc:
-        kind = "under" if scene.N > 6 else "over"
+        equations = scene.platform_equations
+        kind = "under" if scene.N > equations else "over"
+        source = {"spatial": "(7), (8)", "planar": "(32)", "point": "(35)"}[scene.freedom]
         raise SceneError(
-            f"{scene.source}: hull.pins: got {scene.N} legs, expected 6:"
+            f"{scene.source}: hull.pins: got {scene.N} legs, expected {equations}:"
             f" nv = {scene.nv}, na + nc = {scene.na} + {scene.nc};"
-            f" (7), (8) are six equations for {scene.N} driving forces, which are {kind}determined"
+            f" {source}, {equations} equations for {scene.N} driving forces, leave them {kind}determined"
         )
 
 
