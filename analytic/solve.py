@@ -54,7 +54,7 @@ def row_scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def require_regular(condition: np.ndarray, leg: np.ndarray, first_sample: int = 0) -> None:
-    """Raise SingularPose if a row-scaled condition is above ``LIMIT``, or not a number."""
+    """Raise SingularPose if a scaled condition is above ``LIMIT``, or not a number."""
     worst = int(np.argmax(condition))
     if not condition[worst] <= LIMIT:
         limit = f"above {LIMIT:g}: the platform is in a parallel singularity"
@@ -91,13 +91,17 @@ def solve_samples(
 
 
 def without_vanishing_rows(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Condition (nt,) of the row-scaled matrices (nt, n, n) less their rows of zeros, and whether there are such rows.
+    """Condition (nt,) of planar equations (nt, n, n) less their rows of zeros, and whether there are such rows.
 
-    A row vanishes exactly where all legs are square to its axis, as two collinear ones are.
+    The two rows of forces have one unit and are scaled by the longer one: a short one, of legs that are nearly square
+    to its axis, is a weakness that scaling must not hide.  A row vanishes exactly where the legs are exactly square to
+    it, as two collinear ones are.
     """
     length = np.linalg.norm(A, axis=2)
     rank = (length > 0.0).sum(axis=1)
-    sigma = np.linalg.svd(A / np.where(length > 0.0, length, 1.0)[..., None], compute_uv=False)
+    length[:, :2] = length[:, :2].max(axis=1, keepdims=True)
+    length[length == 0.0] = 1.0
+    sigma = np.linalg.svd(A / length[..., None], compute_uv=False)
     smallest = np.take_along_axis(sigma, np.maximum(rank - 1, 0)[:, None], axis=1)[:, 0]
     with np.errstate(divide="ignore"):
         return sigma[:, 0] / np.abs(smallest), rank < A.shape[1]

@@ -858,3 +858,87 @@ def planar_problem(P: PlanarParameters, motion: PlatformMotion, sqrt: Sqrt, solv
     F = solve(*planar_platform_equations(P, motion, legs, loads))
     reactions = [planar_reactions(P.leg, k, load, F_i, P.g) for k, load, F_i in zip(legs, loads, F, strict=True)]
     return PlanarProblem(legs, list(F), reactions)
+
+
+def planar_screw(k: PlanarLegState, n: Plane) -> tuple[Scalar, Scalar, Scalar]:
+    """(n, r x n): a unit force along n at the pin, about C_p; and n . (dC_p + w_p x r) as a row in (dC_p, w_p)."""
+    return (*n, k.r[0] * n[1] - k.r[1] * n[0])
+
+
+def planar_bordered(
+    P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Inertia of the platform (3 x 3, or 2 x 2) and the forces on it at zero accelerations, the legs' F_r included."""
+    # (32) at zero accelerations, moved to one side: rows F = right, the platform feels rows F - right.
+    still = motion._replace(ddC_p=(0.0, 0.0, 0.0), dw_p=(0.0, 0.0, 0.0))
+    loads = [planar_loads(P.leg, k, P.g) for k in legs]
+    rows, right = planar_platform_equations(P, still, legs, loads)
+    forces = []
+    for row, b in zip(rows, right, strict=True):
+        force = -b
+        for coefficient, F_i in zip(row, F, strict=True):
+            force = force + coefficient * F_i
+        forces.append(force)
+    n = P.equations
+    diagonal = (P.m_p, P.m_p, P.J_pz)[:n]
+    return [[diagonal[i] if i == j else 0.0 for j in range(n)] for i in range(n)], forces
+
+
+def planar_reduced_equations(
+    P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Second problem: three equations in (x_p'', y_p'', alpha''), two for a point mass; symmetric positive definite.
+
+    Regular for collinear legs.  ``legs`` at zero accelerations of the platform, which ``motion`` need not hold.
+    """
+    rows, right = planar_bordered(P, motion, legs, F)
+    for k in legs:
+        J_q, _, _ = inertia(P.leg, k.q_s)
+        for factor, n in ((J_q / (k.L * k.L), (k.c, k.s)), (P.leg.m_s, (-k.s, k.c))):
+            d = planar_screw(k, n)[: len(rows)]
+            rows = [
+                [a + factor * d_i * d_j for a, d_j in zip(row, d, strict=True)]
+                for row, d_i in zip(rows, d, strict=True)
+            ]
+    return rows, right
+
+
+def planar_paper_equations(
+    P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Second problem as the paper has it: (32) or (35), and (34) or (36) differentiated twice.
+
+    2N + 3 equations (2N + 2 for a point mass) in (x_p'', y_p'', alpha''; q_n'', q_s'' of each leg); the loads (33) are
+    those of q_n'' = q_s'' = 0 with the factors of q_n'', q_s'' beside the platform's columns.
+    """
+    held = [k._replace(ddq_s=0.0, ddq_n=0.0, A_y=-k.L * k.dq_n * k.dq_n) for k in legs]
+    rows, right = planar_bordered(P, motion, held, F)
+    n = len(rows)
+    w = motion.w_p[2]
+    loops: list[list[Scalar]] = []
+    for i, k in enumerate(held):
+        J_q, _, _ = inertia(P.leg, k.q_s)
+        x_n, y_n = (k.c, k.s), (-k.s, k.c)
+        for factor, axis in ((-J_q / k.L, x_n), (P.leg.m_s, y_n)):
+            for row, d in zip(rows, planar_screw(k, axis), strict=False):
+                row.append(factor * d)
+        for j, e in enumerate(((1.0, 0.0), (0.0, 1.0))):
+            row = [*planar_screw(k, e)[:n], *(0.0 for _ in range(2 * len(held)))]
+            row[n + 2 * i : n + 2 * i + 2] = [k.L * x_n[j], -y_n[j]]
+            loops.append(row)
+            right.append(-2.0 * k.dq_s * k.dq_n * x_n[j] - k.L * k.dq_n * k.dq_n * y_n[j] + w * w * k.r[j])
+    return [*rows, *loops], right
+
+
+def planar_energy(P: PlanarParameters, motion: PlatformMotion, legs: Sequence[PlanarLegState]) -> tuple[Scalar, Scalar]:
+    """Kinetic and potential energy [J] of platform and legs, without the heights of the hull pins."""
+    (dx, dy, _), w = motion.dC_p, motion.w_p[2]
+    T = 0.5 * P.m_p * (dx * dx + dy * dy)
+    if P.J_pz is not None:
+        T = T + 0.5 * P.J_pz * w * w
+    V = -P.m_p * (P.g[0] * motion.C_p[0] + P.g[1] * motion.C_p[1])
+    for k in legs:
+        J_q, _, m_q = inertia(P.leg, k.q_s)
+        T = T + 0.5 * (J_q * k.dq_n * k.dq_n + P.leg.m_s * k.dq_s * k.dq_s)
+        V = V - m_q * (P.g[1] * k.c - P.g[0] * k.s)
+    return T, V

@@ -108,6 +108,14 @@ def run(
         highlight=False,
         markup=False,
     )
+    floors: dict[str, list[str]] = {}
+    for name, model in report.info["models"].items():
+        for floor in model["floors"]:
+            floors.setdefault(floor, []).append(name)
+    for floor, names in floors.items():
+        console.print(f"floor of {', '.join(names)}: {floor}", highlight=False, style="yellow")
+    if facts["undetermined"]:
+        console.print(facts["undetermined"], highlight=False, style="yellow")
     if facts["wider_samples"]:
         console.print(
             f"the tolerance of forces and moments is wider at {facts['wider_samples']} of {facts['samples']} samples"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,16 +10,13 @@ import pandas as pd
 
 from ..models.scene import Scene
 from .balance import balance
-from .engine import LOOPS, REFERENCE, DynamicsResult, Engine, Failure, quantity
+from .engine import HULL, LOOPS, REFERENCE, DynamicsResult, Engine, Failure, quantity
 from .tolerance import CLOSURE, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
 from .trajectory import Trajectory
 
 PASS, FAIL, ERROR = "pass", "fail", "error"
 
 UNITS = {"F": "N", "M": "N m", "loop_pos": "m", "loop_vel": "m/s", "loop_acc": "m/s^2", "balance": "N"}
-
-BLOCK = 2000
-"""Trajectory rows per block of the samples table."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ def scales(scene: Scene, trajectory: Trajectory, truth: DynamicsResult) -> Scale
 
 def expected(scene: Scene, engine: type[Engine]) -> tuple[str, ...]:
     """Quantities that an engine must deliver for a scene."""
-    return (*scene.quantities, *engine.checks)
+    return (*scene.quantities, *HULL, *engine.checks)
 
 
 def _errors(
@@ -78,11 +75,20 @@ def _errors(
         return np.stack(list(residual.values()), axis=1), list(residual)
     if name in LOOPS:
         return np.linalg.norm(result.loops[name], axis=2), legs
+    want, radius = certified(scene, truth, name)
     if result is truth:
-        return np.linalg.norm(quantity(scene, name, result.radius["F"], result.radius["reactions"]), axis=2), legs
-    want = quantity(scene, name, truth.F, truth.reactions)
+        return np.linalg.norm(radius, axis=2), legs
     got = quantity(scene, name, result.F, result.reactions)[truth.samples]
-    return np.linalg.norm(got - want, axis=2), legs
+    return np.linalg.norm(got - want, axis=2), ["hull"] if name in HULL else legs
+
+
+def certified(scene: Scene, truth: DynamicsResult, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Value and radius of one quantity of the truth, as `quantity` gives it: the hull's are no sum of reactions."""
+    if name in HULL:
+        part = slice(3, 6) if name.startswith("F") else slice(0, 3)
+        return np.asarray(truth.hull)[:, None, part], truth.radius["hull"][:, None, part]
+    values = quantity(scene, name, truth.F, truth.reactions)
+    return values, quantity(scene, name, truth.radius["F"], truth.radius["reactions"])
 
 
 def _judge(
@@ -110,7 +116,7 @@ def _tolerance(name: str, certified: bool, trajectory: Trajectory) -> tuple[Tole
     """Tolerance of a quantity and how much wider it is at each sample of the trajectory."""
     if certified:
         return RADIUS, np.ones(len(trajectory.t))
-    if name == "balance":  # a backward error: it does not grow with the condition
+    if name in ("balance", *HULL):  # sums of forces against momentum: errors that grow with the condition cancel
         return ROUND_OFF, np.ones(len(trajectory.t))
     if name in LOOPS:
         return CLOSURE, of_loops(trajectory.sin_q_n, LOOPS.index(name))
@@ -131,7 +137,7 @@ def agreement(
     for name, engine in engines.items():
         result = results[name]
         known = None if isinstance(engine, Failure) else engine
-        for q in expected(scene, known) if known else scene.quantities:
+        for q in expected(scene, known) if known else (*scene.quantities, *HULL):
             row = {
                 "run_id": run_id,
                 "scene": scene.name,
@@ -157,62 +163,3 @@ def agreement(
                 row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)
-
-
-def samples(
-    scene: Scene, trajectory: Trajectory, results: Mapping[str, DynamicsResult | Failure]
-) -> Iterator[pd.DataFrame]:
-    """Every number of every engine in long form, one row per component, in blocks."""
-    for name, result in results.items():
-        if isinstance(result, Failure):
-            continue
-        for start in range(0, len(result.samples), BLOCK):
-            block = slice(start, start + BLOCK)
-            yield _long_form(scene, trajectory.t[result.samples[block]], name, result, block)
-
-
-def _long_form(scene: Scene, t: np.ndarray, name: str, result: DynamicsResult, block: slice) -> pd.DataFrame:
-    columns: list[tuple[str, str]] = []
-    values, radii = [], []
-    for q in scene.quantities:
-        x = quantity(scene, q, result.F[block], result.reactions[block])
-        unknown = np.full_like(x, np.nan)
-        r = (
-            quantity(scene, q, result.radius["F"][block], result.radius["reactions"][block])
-            if result.radius
-            else unknown
-        )
-        for k, component in enumerate("xyz" if x.shape[2] == 3 else "-"):
-            columns.append((q, component))
-            values.append(x[..., k])
-            radii.append(r[..., k])
-    for q, x in (("L", result.L[block]), ("dL", result.dL[block]), ("power", result.F[block] * result.dL[block])):
-        columns.append((q, "-"))
-        values.append(x)
-        radii.append(_radius_beside(q, result, block, x))
-    nt, n = len(t), len(columns)
-    shape = (nt, scene.N, n)
-    quantity_, component_ = (np.broadcast_to(np.array(c), shape).ravel() for c in zip(*columns, strict=True))
-    return pd.DataFrame(
-        {
-            "engine": name,
-            "route": result.route,
-            "t": np.broadcast_to(t[:, None, None], shape).ravel(),
-            "leg": np.broadcast_to(np.array(scene.legs)[None, :, None], shape).ravel(),
-            "quantity": quantity_,
-            "component": component_,
-            "value": np.stack(values, axis=2).ravel(),
-            "radius": np.stack(radii, axis=2).ravel(),
-        }
-    )
-
-
-def _radius_beside(name: str, result: DynamicsResult, block: slice, x: np.ndarray) -> np.ndarray:
-    """Radius of L, dL and of the power F dL (a product of two balls, and its rounding)."""
-    if not result.radius:
-        return np.full_like(x, np.nan)
-    if name != "power":
-        return result.radius[name][block]
-    F, dL = result.F[block], result.dL[block]
-    r_F, r_dL = result.radius["F"][block], result.radius["dL"][block]
-    return (np.abs(F) * r_dL + np.abs(dL) * r_F + r_F * r_dL + np.abs(x) * np.finfo(float).eps) * (1 + 1e-12)

@@ -26,6 +26,7 @@ GROUP = "stewart_crosscheck.engines"
 REFERENCE = "reference"
 
 LOOPS = ("loop_pos", "loop_vel", "loop_acc")
+HULL = ("F_hull", "M_hull")
 
 
 class EngineError(RuntimeError):
@@ -37,6 +38,22 @@ class UnknownEngine(ValueError):
 
 
 @dataclass(frozen=True)
+class ModelFacts:
+    """What an engine counts in its own model.
+
+    ``bodies`` with mass, ``massless`` ones that the format wants between two joints, ``velocities`` of the tree,
+    ``rows`` of the loops, total ``mass`` [kg]; ``floors``: what is there because the format cannot do without.
+    """
+
+    bodies: int
+    massless: int
+    velocities: int
+    rows: int
+    mass: float
+    floors: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class DynamicsResult:
     """What one engine says of one trajectory, world axes, SI units.
 
@@ -44,7 +61,9 @@ class DynamicsResult:
     length [m] and its rate [m/s].  ``reactions`` (nt, nj, 6): moment [N m] then force [N] on the child of each of
     ``scene.joints`` at the joint's point (M_s about the rod's centre of mass, M_n about O_n, M_o about O_o, F_r at the
     tip).  ``loops``: closure residual (nt, N, 3) at position, velocity and acceleration level, from the engine's own
-    model.  ``radius``: proven radii of F, reactions, L, dL, by these names, of the certified reference alone.
+    model.  ``model``: what it counts there.  Of the certified reference alone: ``radius``, proven radii of F,
+    reactions, L, dL, hull, by these names, and ``hull`` (nt, 6): moment and force on the hull about the mean of its
+    pins, from the rate of momentum.
     """
 
     engine: str
@@ -58,6 +77,8 @@ class DynamicsResult:
     dL: np.ndarray
     loops: Mapping[str, np.ndarray] = field(default_factory=dict)
     radius: Mapping[str, np.ndarray] = field(default_factory=dict)
+    hull: np.ndarray | None = None
+    model: ModelFacts | None = None
     seconds: float = float("nan")
 
 
@@ -95,10 +116,13 @@ def by_joint(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def quantity(scene: Scene, name: str, F: np.ndarray, reactions: np.ndarray) -> np.ndarray:
-    """One quantity leg by leg from driving forces and reactions: (nt, N, 1) for F, else (nt, N, 3)."""
+    """One quantity leg by leg from driving forces and reactions: (nt, N, 1) for F, (nt, 1, 3) on the hull, else 3."""
     if name == "F":
         return F[..., None]
     part, kind = (slice(3, 6), "force") if name.startswith("F") else (slice(0, 3), "moment")
+    if name in HULL:
+        first = [j for j, joint in enumerate(scene.joints) if joint.parent == "hull"]
+        return wrench.on_hull(reactions[:, first], np.array(scene.hull.pins))[:, None, part]
     index = [j for j, joint in enumerate(scene.joints) if getattr(joint, kind) == name]
     return reactions[:, index, part]
 
@@ -153,6 +177,7 @@ def require_complete(name: str, engine: type[Engine], scene: Scene, trajectory: 
     if name == REFERENCE:
         nt = len(result.samples)
         shapes = {key: (nt, *shape[1:]) for key, shape in shapes.items()}
+        shapes["hull"], arrays["hull"] = (nt, 6), result.hull
         shapes |= {f"radius of {key}": shape for key, shape in shapes.items()}
         arrays |= {f"radius of {key}": value for key, value in result.radius.items()}
     elif result.radius or not np.array_equal(result.samples, np.arange(nt)):

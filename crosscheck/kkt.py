@@ -14,7 +14,7 @@ import numpy as np
 
 from ..models.scene import Scene
 from . import wrench
-from .engine import LOOPS, DynamicsResult, EngineError, engine_version, require_finite
+from .engine import LOOPS, DynamicsResult, EngineError, ModelFacts, engine_version, require_finite
 from .trajectory import Trajectory
 
 BLOCK = 2000
@@ -76,6 +76,10 @@ class KktEngine(ABC):
         """Load the model file; raise EngineError if it is not the scene's mechanism."""
 
     @abstractmethod
+    def facts(self) -> ModelFacts:
+        """What the loaded model holds."""
+
+    @abstractmethod
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate among the velocities."""
 
@@ -123,6 +127,7 @@ class KktEngine(ABC):
             L=L,
             dL=dL,
             loops=loops,
+            model=self.facts(),
             seconds=perf_counter() - start,
         )
 
@@ -141,6 +146,13 @@ class KktEngine(ABC):
         reactions[:, ~cut] = self.reactions(state, multipliers)
         reactions[:, cut] = wrench.of_loop(multipliers)
         return F, reactions, terms.L, terms.dL, terms.gap, gap_velocity, terms.gap_acceleration
+
+
+def tree_facts(masses: Mapping[str, float], velocities: int, rows: int) -> ModelFacts:
+    """Facts of a model read from the URDF: mass [kg] by the name of the body, or of its joint."""
+    massless = [name for name, mass in masses.items() if mass == 0.0]
+    floor = (f"links of zero mass, which URDF wants between two joints: {len(massless)}",) if massless else ()
+    return ModelFacts(len(masses) - len(massless), len(massless), velocities, rows, sum(masses.values()), floor)
 
 
 def solve(

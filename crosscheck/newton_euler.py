@@ -58,6 +58,8 @@ class _Leg:
     M_n: Vector
     M_o: Vector
     power: arb
+    bodies: list[tuple[arb, Vector, Vector, Vector]]
+    """Mass, centre of mass and its acceleration (from the hull pin), rate of the angular momentum about it."""
 
     def reactions(self, a: arb, F_r: Vector) -> dict[str, Vector]:
         """Add the force on the tip: forces pass down the chain, moments grow by their levers."""
@@ -145,6 +147,7 @@ class Sample:
 
         # Base: its centre of mass does not move.
         F_o, M_o = F_n, M_n
+        bodies = [(m_s, rod[0], rod[2], dH_s), (m_n, guide[0], guide[2], dH_n)]
         if leg.base:
             base = _turning(cross_jet(y_r, z), y_r, z)
             J_o = arb(leg.base.J_z)
@@ -152,7 +155,8 @@ class Sample:
             F_o = minus(F_n, times(arb(leg.base.mass), self.g))
             M_o = plus(dH_o, M_n)
             power = power + dot(base.omega, dH_o)
-        return _Leg(r[0], L, frame, y_r[0], F_s, F_n, F_o, dH_s, M_n, M_o, power)
+            bodies.append((arb(leg.base.mass), zero, zero, dH_o))
+        return _Leg(r[0], L, frame, y_r[0], F_s, F_n, F_o, dH_s, M_n, M_o, power, bodies)
 
     def _platform(self) -> tuple[Vector, Vector, arb]:
         """What the legs must exert on the platform (force, moment about C_p), and the power that takes."""
@@ -172,6 +176,19 @@ class Sample:
         inertial = times(arb(platform.mass), minus(self.C[2], self.g))
         spent = dot(self.C[1], minus(inertial, force)) + dot(self.omega, minus(dH, moment)) - dot(point[1], force)
         return minus(inertial, force), minus(dH, plus(moment, cross(point[0], force))), spent
+
+    def _on_hull(self) -> tuple[Vector, Vector]:
+        """Force and moment on the hull, about the mean of its pins: weight and load less the rate of momentum."""
+        pins = [vector(pin) for pin in self.scene.hull.pins]
+        center = times(1 / arb(len(pins)), plus(*pins))
+        at_platform, about_platform, _ = self._platform()  # weight and load are in it
+        force, moment = at_platform, plus(about_platform, cross(minus(self.C[0], center), at_platform))
+        for leg, pin in zip(self.legs, pins, strict=True):
+            for mass, com, acceleration, dH in leg.bodies:
+                inertial = times(mass, minus(acceleration, self.g))
+                force = plus(force, inertial)
+                moment = plus(moment, dH, cross(plus(minus(pin, center), com), inertial))
+        return times(arb(-1), force), times(arb(-1), moment)
 
     def solve(self) -> dict[str, list]:
         """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
@@ -206,6 +223,7 @@ class Sample:
             out["L"].append(leg.L[0])
             out["dL"].append(leg.L[1])
             spent = spent + leg.power
+        out["F_hull"], out["M_hull"] = ([v] for v in self._on_hull())
         out["power"] = [spent - total(*(F * dL for F, dL in zip(out["F"], out["dL"], strict=True)))]
         return out
 

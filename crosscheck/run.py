@@ -8,7 +8,7 @@ import platform
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from time import perf_counter
@@ -31,6 +31,7 @@ from .engine import (
     load_engine,
 )
 from .processes import run_engines
+from .samples import samples
 from .tolerance import ROUND_OFF, of_forces
 from .trajectory import Trajectory
 
@@ -56,7 +57,7 @@ class Report:
 
     def samples(self) -> Iterator[pd.DataFrame]:
         """Blocks of the table of every number."""
-        return compare.samples(self.scene, self.trajectory, self.results)
+        return samples(self.scene, self.trajectory, self.results)
 
 
 def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
@@ -81,11 +82,13 @@ def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
 def require_determinate(scene: Scene) -> None:
     """Raise SceneError unless the tree's velocities are the actuators plus the closure equations."""
     if scene.nv != scene.na + scene.nc:
-        kind = "under" if scene.N > 6 else "over"
+        equations = scene.platform_equations
+        kind = "under" if scene.N > equations else "over"
+        source = {"spatial": "(7), (8)", "planar": "(32)", "point": "(35)"}[scene.freedom]
         raise SceneError(
-            f"{scene.source}: hull.pins: got {scene.N} legs, expected 6:"
+            f"{scene.source}: hull.pins: got {scene.N} legs, expected {equations}:"
             f" nv = {scene.nv}, na + nc = {scene.na} + {scene.nc};"
-            f" (7), (8) are six equations for {scene.N} driving forces, which are {kind}determined"
+            f" {source}, {equations} equations for {scene.N} driving forces, leave them {kind}determined"
         )
 
 
@@ -142,17 +145,35 @@ def run(
             ),
             "max_condition": float(trajectory.condition.max()),
             "min_sin_q_n": float(trajectory.sin_q_n.min()),
+            "undetermined": _undetermined(scene, trajectory),
             "wider_samples": int((wider > 1.0).sum()),
             "widest_tolerance": float(wider.max() * ROUND_OFF.value),
             "max_acceleration": float(np.linalg.norm(trajectory.acceleration, axis=1).max()),
             "max_angular_acceleration": float(np.linalg.norm(trajectory.angular_acceleration, axis=1).max()),
         },
         "truth": _truth(results[REFERENCE], len(trajectory.t)),
+        "models": {name: asdict(r.model) for name, r in results.items() if isinstance(r, DynamicsResult) and r.model},
         "failed": {name: r.reason for name, r in results.items() if isinstance(r, Failure)},
     }
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status
     return report
+
+
+def _undetermined(scene: Scene, trajectory: Trajectory) -> str:
+    """What the driving forces of a singular motion mean; empty if all are determined."""
+    count = int(trajectory.undetermined.sum())
+    if not count:
+        return ""
+    free, held = "one combination of driving forces", "the others"
+    if scene.N == 2:  # they push along one line, against each other if they point towards each other
+        first = int(np.argmax(trajectory.undetermined))
+        apart = [trajectory.position[first] - np.array(pin) for pin in scene.hull.pins]
+        free, held = ("F_1 + F_2", "F_1 - F_2") if apart[0] @ apart[1] < 0 else ("F_1 - F_2", "F_1 + F_2")
+    return (
+        f"singular at {count} of {len(trajectory.t)} samples, rank {scene.nv - 1} of {scene.nv}: the motion determines"
+        f" {held}, not {free}; compared are the shortest driving forces of that motion"
+    )
 
 
 def _truth(result: DynamicsResult | Failure, nt: int) -> dict:

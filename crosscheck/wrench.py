@@ -34,6 +34,14 @@ def of_loop(multiplier: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros_like(multiplier), multiplier], axis=-1)
 
 
+def on_hull(on_children: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Total wrench (nt, 6) on the hull, about the mean of its pins, from those on the bodies that hang on it.
+
+    ``on_children`` (nt, N, 6) about ``points`` (N, 3), the hull pins [m].
+    """
+    return -shifted(on_children, points, points.mean(axis=0)).sum(axis=1)
+
+
 def to_pinocchio(
     force_W: np.ndarray, moment_W: np.ndarray, point: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,48 @@ def random_scene(seed: int, base: bool = True, gravity: tuple[float, float, floa
             return scene
 
 
+def random_planar(seed: int, point: bool) -> Scene:
+    """Three legs and a bar, or two and a point mass, in a plane: inclined gravity, load; condition below 30."""
+    rng = np.random.default_rng(seed)
+    while True:
+        N = 2 if point else 3
+        m_n, a_n, J_c = rng.uniform(1, 5), rng.uniform(-0.1, 0.4), rng.uniform(0.05, 0.2)
+
+        def wave(scale: float, c0: float) -> dict[str, Any]:
+            return {"c0": c0, "terms": [[rng.uniform(0.3, 1) * scale, rng.uniform(2, 5), rng.uniform(0, 6)]]}
+
+        def flat(n: int, scale: float) -> list[list[float]]:
+            return np.column_stack([rng.uniform(-scale, scale, (n, 2)), np.zeros(n)]).tolist()
+
+        data: dict[str, Any] = {
+            "schema": 1,
+            "name": f"planar{seed}",
+            "topology": "planar",
+            "gravity": [rng.uniform(-5, 5), rng.uniform(-9, 9), 0.0],
+            "leg": {
+                "a": rng.uniform(-0.1, 0.4),
+                "guide": {"mass": m_n, "com": a_n, "J_x": J_c + m_n * a_n**2},
+                "rod": {"mass": rng.uniform(1, 5), "J_x": rng.uniform(0.05, 0.2)},
+            },
+            "platform": {"mass": rng.uniform(5, 30)},
+            "hull": {"pins": flat(N, 1.2)},
+            "motion": {"duration": 1.0, "position": [wave(0.1, 0.3), wave(0.1, rng.uniform(0.5, 1.2)), {}]},
+            "load": {"force": [*rng.normal(size=2).tolist(), 0.0]},
+        }
+        if not point:
+            data["platform"] |= {"J_z": rng.uniform(0.1, 1), "pins": flat(N, 0.5)}
+            turn = {"kind": "rotation_vector", "components": [{}, {}, wave(0.3, rng.uniform(-3, 3))]}
+            data["motion"]["orientation"] = turn
+            data["load"] |= {"moment": [0.0, 0.0, rng.normal()], "point": flat(1, 0.5)[0]}
+        scene = Scene.model_validate(data)
+        try:
+            trajectory = from_scene(scene, 7)
+        except TrajectoryError:
+            continue
+        if trajectory.condition.max() < 30:
+            return scene
+
+
 def _cross_matrix(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 

@@ -38,6 +38,7 @@ AGREEMENT_COLUMNS = [
 ]  # fmt: skip
 SAMPLES_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "value", "radius"]
 QUANTITIES = ["F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o"]
+HULL = ["F_hull", "M_hull"]
 CHECKS = ["loop_pos", "loop_vel", "loop_acc", "balance"]
 ROUTES = {
     "analytic": "closed_form",
@@ -142,11 +143,13 @@ def test_agreement_has_the_columns_of_the_contract_in_order(full: Run, one: Run)
 
 def test_agreement_has_every_engine_and_quantity_and_no_other_row(full: Run) -> None:
     want = [
-        (engine, route, q) for engine, route in ROUTES.items() for q in QUANTITIES + (CHECKS if route == "kkt" else [])
+        (engine, route, q)
+        for engine, route in ROUTES.items()
+        for q in QUANTITIES + HULL + (CHECKS if route == "kkt" else [])
     ]
     rows = full.agreement[["engine", "route", "quantity"]].itertuples(index=False, name=None)
     assert list(rows) == want
-    assert len(want) == 52
+    assert len(want) == 62
 
 
 def test_every_row_of_agreement_has_a_verdict_and_numbers(full: Run) -> None:
@@ -174,8 +177,9 @@ def test_samples_have_the_columns_and_one_row_per_component(full: Run) -> None:
         assert set(rows["route"]) == {ROUTES[str(engine)]}
         keys = list(rows[["t", "leg", "quantity", "component"]].itertuples(index=False, name=None))
         want = [(k, leg, q, c) for k in t for leg in "123456" for q, c in scalars + vectors]
+        want += [(k, "0", q, c) for k in t for q in HULL for c in "xyz"]
         assert sorted(keys) == sorted(want)
-        assert len(keys) == 3 * 6 * 25
+        assert len(keys) == 3 * (6 * 25 + 6)
     assert set(full.samples["engine"]) == set(ROUTES) - set(MISSING)
 
 
@@ -209,8 +213,8 @@ def test_power_is_driving_force_times_rate_of_length(full: Run, one: Run) -> Non
 def test_run_json_tells_versions_machine_seed_command_and_hashes(full: Run) -> None:
     info = full.info
     assert set(info) == {
-        "run_id", "started", "seconds", "command", "versions", "machine", "scene", "trajectory", "truth", "failed",
-        "status",
+        "run_id", "started", "seconds", "command", "versions", "machine", "scene", "trajectory", "truth", "models",
+        "failed", "status",
     }  # fmt: skip
     assert {info["run_id"]} == set(full.agreement["run_id"])
     assert info["command"][1:] == ["run", "--samples", "3", "--out", "results"]
@@ -230,9 +234,9 @@ def test_run_json_tells_versions_machine_seed_command_and_hashes(full: Run) -> N
 def test_one_engine_still_has_the_reference_beside_it(one: Run) -> None:
     assert one.done.status == 0, one.done.err
     rows = list(one.agreement[["engine", "quantity"]].itertuples(index=False, name=None))
-    assert rows == [(engine, q) for engine in ("analytic", "reference") for q in QUANTITIES]
+    assert rows == [(engine, q) for engine in ("analytic", "reference") for q in QUANTITIES + HULL]
     assert set(one.samples["engine"]) == {"analytic", "reference"}
-    assert len(one.samples) == 2 * 6 * 25
+    assert len(one.samples) == 2 * (6 * 25 + 6)
 
 
 def test_the_default_folder_is_runs_and_the_run_id(one: Run) -> None:

@@ -12,7 +12,7 @@ from machines import random_scene
 from stewart_crosscheck.crosscheck import tolerance
 from stewart_crosscheck.crosscheck.balance import balance
 from stewart_crosscheck.crosscheck.compare import agreement, expected, scales
-from stewart_crosscheck.crosscheck.engine import LOOPS, DynamicsResult, Failure, engine_names, load_engine
+from stewart_crosscheck.crosscheck.engine import HULL, LOOPS, DynamicsResult, Failure, engine_names, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene
 
@@ -34,7 +34,7 @@ def spoiled(result: DynamicsResult, **changes: Any) -> DynamicsResult:
 
 def test_all_rows_are_there_and_pass(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
     rows = table(hexapod, trajectory, results)
-    assert list(rows.index) == [(e, q) for e in ENGINES for q in hexapod.quantities]
+    assert list(rows.index) == [(e, q) for e in ENGINES for q in (*hexapod.quantities, *HULL)]
     assert set(rows["verdict"]) == {"pass"}
     assert (rows["max_rel"] == rows["max_abs"] / rows["scale"]).all()
     assert (rows["rms"] <= rows["max_abs"]).all()
@@ -95,7 +95,7 @@ def test_a_wide_radius_fails(hexapod: Scene, trajectory: Trajectory, results: di
 def test_a_failed_engine_has_all_its_rows(hexapod: Scene, trajectory: Trajectory, results: dict) -> None:
     rows = table(hexapod, trajectory, results | {"analytic": Failure("it broke")})
     assert set(rows.loc["analytic", "verdict"]) == {"error"}
-    assert len(rows.loc["analytic"]) == 8
+    assert len(rows.loc["analytic"]) == 10
     assert set(rows.loc["analytic", "reason"]) == {"it broke"}
     assert set(rows.loc["reference", "verdict"]) == {"pass"}
 
@@ -111,6 +111,8 @@ def test_a_truth_of_fewer_samples_is_compared_at_its_own(
 ) -> None:
     few = np.array([2, 9, 17])
     part = spoiled(truth, samples=few, F=truth.F[few], reactions=truth.reactions[few], L=truth.L[few], dL=truth.dL[few])
+    assert truth.hull is not None
+    part = dataclasses.replace(part, hull=truth.hull[few])
     part = dataclasses.replace(part, radius={k: v[few] for k, v in truth.radius.items()})
     rows = table(hexapod, trajectory, results | {"reference": part})
     assert set(rows["verdict"]) == {"pass"}
@@ -124,7 +126,7 @@ def test_engines_of_the_route_kkt_also_deliver_loops_and_balance(hexapod: Scene)
     for name in engine_names():
         e = load_engine(name)
         extra = (*LOOPS, "balance") if e.route == "kkt" else ()
-        assert expected(hexapod, e) == (*hexapod.quantities, *extra)
+        assert expected(hexapod, e) == (*hexapod.quantities, *HULL, *extra)
 
 
 # --- Balance ----------------------------------------------------------------------------------------------------------

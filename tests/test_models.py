@@ -105,7 +105,7 @@ def test_numbers_in_the_text_are_the_same_float64(seed: int) -> None:
     scene = random_scene(seed, gravity=(0.1, -9.81, 1.0 / 3.0))
     leg, platform = scene.leg, scene.platform
     assert leg.base is not None
-    J_x, I = leg.guide.central_J_x, platform.inertia
+    J_x, I = leg.guide.central_J_x, platform.tensor
     mjcf, urdf, loops = (
         ET.fromstring(write_mjcf(scene)),
         ET.fromstring(write_urdf(scene)),

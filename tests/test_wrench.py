@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from stewart_crosscheck.crosscheck import wrench
+from stewart_crosscheck.crosscheck.compare import agreement
+from stewart_crosscheck.crosscheck.engine import load_engine, quantity
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
+from stewart_crosscheck.models import Scene
 
 MASS, G = 3.0, np.array([0.7, -9.0, 1.1])
 COM = np.array([0.2, -0.3, 0.5])  # of the hanging body, in its axes, from its joint
@@ -104,3 +108,41 @@ def test_a_shifted_wrench_does_the_same_work() -> None:
 
 def test_a_loop_force_has_no_moment() -> None:
     assert wrench.of_loop(np.array([1.0, 2.0, 3.0])).tolist() == [0, 0, 0, 1, 2, 3]
+
+
+# --- What the hull feels ----------------------------------------------------------------------------------------------
+
+
+def test_a_hull_carries_the_weight_of_a_mechanism_at_rest(hexapod: Scene) -> None:
+    """By hand: 77.1 kg times 9.81 downwards, from the truth's momentum and from the sum of its reactions."""
+    data = hexapod.model_dump(by_alias=True)
+    data["motion"]["position"] = ({"c0": 0.02}, {"c0": 0.94}, {"c0": -0.01})
+    data["motion"]["orientation"]["components"] = ({}, {}, {})
+    scene = Scene.model_validate(data)
+    truth = load_engine("reference")(scene).inverse_dynamics(from_scene(scene, 1))
+    assert truth.hull is not None
+    weight = [0.0, -9.81 * sum(body.mass for body in scene.bodies), 0.0]
+    np.testing.assert_allclose(truth.hull[0, 3:], weight, rtol=0, atol=1e-12)  # of 756 N
+    np.testing.assert_allclose(quantity(scene, "F_hull", truth.F, truth.reactions)[0, 0], weight, rtol=0, atol=1e-12)
+
+
+def test_the_hull_is_the_sum_of_its_joints_about_the_mean_of_its_pins() -> None:
+    """Two forces at two pins, by hand: their sum the other way, and the moment of their difference."""
+    on_children = np.zeros((1, 2, 6))
+    on_children[0, 0, 3:], on_children[0, 1, 3:] = (0.0, 5.0, 0.0), (0.0, 3.0, 0.0)
+    on_children[0, 0, 2] = 0.5
+    points = np.array([[1.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    # about x = 2: -1 * 5 + 1 * 3 + 0.5 on the children, the opposite on the hull
+    np.testing.assert_array_equal(wrench.on_hull(on_children, points), [[0.0, 0.0, 1.5, 0.0, -8.0, 0.0]])
+
+
+def test_reactions_that_miss_the_momentum_show_at_the_hull(hexapod: Scene, trajectory: Trajectory) -> None:
+    """One base's reaction off by a millinewton: the hull's row says so, though no single sum was compared before."""
+    engines = {name: load_engine(name) for name in ("analytic", "reference")}
+    results = {name: e(hexapod).inverse_dynamics(trajectory) for name, e in engines.items()}
+    first = next(j for j, joint in enumerate(hexapod.joints) if joint.parent == "hull")
+    results["analytic"].reactions[4, first, 3] += 1e-3
+    rows = agreement("id", hexapod, trajectory, engines, results).set_index(["engine", "quantity"])
+    assert rows.loc[("analytic", "F_hull"), "verdict"] == "fail"
+    assert rows.loc[("analytic", "F_hull"), "max_abs"] == pytest.approx(1e-3, rel=1e-9)
+    assert rows.loc[("analytic", "F_hull"), "where"] == f"hull, t = {trajectory.t[4]:.6g} s"

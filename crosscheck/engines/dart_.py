@@ -11,8 +11,8 @@ import numpy as np
 from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError
-from ..kkt import KktEngine, State, Terms
+from ..engine import EngineError, ModelFacts
+from ..kkt import KktEngine, State, Terms, tree_facts
 from ..trajectory import Trajectory
 
 
@@ -50,6 +50,12 @@ class DartEngine(KktEngine):
         if body is None:
             raise EngineError(f"{self.name}: the URDF has no link {name!r}")
         return body
+
+    def facts(self) -> ModelFacts:
+        """URDF wants a link between two joints; DART leaves it without mass if the file says zero."""
+        sk = self.skeleton
+        masses = {b.getName(): b.getMass() for b in map(sk.getBodyNode, range(sk.getNumBodyNodes()))}
+        return tree_facts(masses, sk.getNumDofs(), self.scene.nc)
 
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate in the skeleton."""

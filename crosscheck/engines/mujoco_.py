@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...models import write_models
+from ...models.mjcf import FLOOR
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError
+from ..engine import EngineError, ModelFacts
 from ..kkt import KktEngine, State, Terms
 from ..trajectory import Trajectory
 
@@ -35,6 +36,17 @@ class MujocoEngine(KktEngine):
         self.require_nv(self.model.nv)
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
         self.platform = self.model.body("platform").id
+
+    def facts(self) -> ModelFacts:
+        """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
+        m, scene = self.model, self.scene
+        floors = []
+        if count := int((m.body_inertia[1:] == FLOOR).any(axis=1).sum()):
+            floors.append(f"{FLOOR:g} kg m^2 in place of a zero moment of inertia, bodies: {count}")
+        rows = 3 * m.neq
+        if rows > scene.nc:
+            floors.append(f"loop rows along z_r, zero and left out: {rows - scene.nc} of {rows}")
+        return ModelFacts(m.nbody - 1, 0, m.nv, rows, float(m.body_mass.sum()), tuple(floors))
 
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate in qvel."""

@@ -11,8 +11,8 @@ import numpy as np
 from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError
-from ..kkt import KktEngine, State, Terms
+from ..engine import EngineError, ModelFacts
+from ..kkt import KktEngine, State, Terms, tree_facts
 from ..trajectory import Trajectory
 
 
@@ -49,6 +49,12 @@ class PinocchioEngine(KktEngine):
         return model.addFrame(
             pin.Frame(f"{loop}.{end['link']}", link.parentJoint, placement, pin.FrameType.OP_FRAME), False
         )
+
+    def facts(self) -> ModelFacts:
+        """URDF wants a link between two joints; its zero mass stays zero."""
+        m = self.model
+        masses = {m.names[j]: m.inertias[j].mass for j in range(1, m.njoints)}
+        return tree_facts(masses, m.nv, self.scene.nc)
 
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate in v."""

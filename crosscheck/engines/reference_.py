@@ -17,6 +17,7 @@ import numpy as np
 from flint import arb
 
 from ...models.scene import Scene
+from .. import wrench
 from ..engine import DynamicsResult, EngineError, by_joint, engine_version
 from ..newton_euler import Infeasible, Sample
 
@@ -49,7 +50,8 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
     Returns
     -------
     dict
-        ``F, L, dL``: a ball per leg; ``F_r, F_s, F_n, F_o, M_s, M_n, M_o``: a vector per leg, world axes; ``power``:
+        ``F, L, dL``: a ball per leg; ``F_r, F_s, F_n, F_o, M_s, M_n, M_o``: a vector per leg, world axes; ``F_hull,
+        M_hull``: one vector; ``power``:
         one ball, d(T + V)/dt minus the power of load and actuators, which contains zero.
 
     Raises
@@ -144,7 +146,14 @@ class ReferenceEngine:
             reactions=by_joint(self.scene, value),
             L=value["L"],
             dL=value["dL"],
-            radius={"F": radius["F"], "reactions": by_joint(self.scene, radius), "L": radius["L"], "dL": radius["dL"]},
+            hull=wrench.from_parts(value["M_hull"], value["F_hull"])[:, 0],
+            radius={
+                "F": radius["F"],
+                "reactions": by_joint(self.scene, radius),
+                "L": radius["L"],
+                "dL": radius["dL"],
+                "hull": wrench.from_parts(radius["M_hull"], radius["F_hull"])[:, 0],
+            },
             seconds=perf_counter() - start,
         )
 
