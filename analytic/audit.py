@@ -2,7 +2,7 @@
 
 A row states one equation, names the function that holds it, and measures it against what does not come from it: forces
 and moments of the certified truth, or the pose itself.  A row of a misprint measures two readings, the correct one and
-the printed one.  `audit_equations`, `audit_misprints` and `audit_text` hold the rows.
+the printed one.  `audit_equations`, `audit_planar`, `audit_misprints` and `audit_text` hold the rows.
 """
 
 from __future__ import annotations
