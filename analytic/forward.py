@@ -1,0 +1,157 @@
+"""The second problem of dynamics: accelerations from driving forces, for arrays of samples and for single states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import stewart
+from .dynamics import _blocks
+from .solve import LIMIT, SingularPose, row_scaled
+from .stewart import Equations, LegState, Parameters, PlatformMotion, Scalar, Vector
+
+
+class Form(NamedTuple):
+    """A form of the equations, and the power of 1/s that multiplies its rounding without and with spin inertia."""
+
+    equations: Equations
+    loss: int
+    loss_spinning: int
+
+
+FORMS = {
+    "compliance": Form(stewart.compliance_equations, 0, 1),  # z_n itself has the rounding of l over s
+    "reduced": Form(stewart.reduced_equations, 0, 2),  # 1/s^2 in the matrix
+    "paper": Form(stewart.paper_equations, 3, 1),  # without spin inertia q_o'' itself grows as 1/s^2
+}
+"""Forms of (7), (8), (31) by name; the first one is the default."""
+
+
+@dataclass(frozen=True)
+class Accelerations:
+    """Platform accelerations, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2.
+
+    ``condition`` (nt,): row-scaled, of the form's matrix.
+    """
+
+    ddC_p: np.ndarray
+    dw_p: np.ndarray
+    condition: np.ndarray
+
+
+def _least(values: list[Scalar], least: Scalar, first_sample: int, name: str, limit: str) -> None:
+    """Raise SingularPose for the leg whose value is furthest below what is needed; NaN is below everything."""
+    x = np.atleast_2d(np.array(values).T).T  # (N, nt)
+    leg, sample = (int(i) for i in np.unravel_index(int(np.argmin(x)), x.shape))
+    if not x[leg, sample] >= least:
+        raise SingularPose(first_sample + sample, leg + 1, name, float(x[leg, sample]), limit)
+
+
+def _guarded(name: str, first_sample: int = 0) -> Equations:
+    """The equations of a form, refusing legs that are too steep for it: fewer than four digits would be left."""
+    if name not in FORMS:
+        raise ValueError(f"form: got {name!r}, expected one of {', '.join(FORMS)}")
+    form = FORMS[name]
+
+    def equations(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Any:
+        size = max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)
+        least = size / LIMIT
+        _least([k.L for k in legs], least, first_sample, "length", f"below {least:.0e} m: no leg is left")
+        loss = form.loss_spinning if P.leg.spins else form.loss
+        if loss:
+            least = LIMIT ** (-1.0 / loss)
+            limit = f"below {least:.0e}: too steep for the form {name!r} of the equations"
+            _least([k.s for k in legs], least, first_sample, "sin q_n", limit)
+        return form.equations(P, motion, legs, F)
+
+    return equations
+
+
+def _no_inverse(sample: int, condition: float) -> ArithmeticError:
+    return ArithmeticError(
+        f"sample {sample}: row-scaled condition {condition:.3g}, above {LIMIT:g}: no accelerations follow, because"
+        " masses or moments of inertia vanish"
+    )
+
+
+def accelerations(
+    P: Parameters, motion: PlatformMotion, F: Sequence[float], form: str = "compliance"
+) -> tuple[Vector, Vector]:
+    """ddC_p [m/s^2] and dw_p [rad/s^2], world axes, of one state as plain floats: for integrators, no condition test.
+
+    Raises
+    ------
+    SingularPose
+        A leg too steep for the form, or of no length.
+    ArithmeticError
+        The matrix has no inverse.
+    """
+
+    def solve(rows: Any, right: Any) -> list[float]:
+        return np.linalg.solve(np.array(rows), np.array(right)).tolist()
+
+    try:
+        one = stewart.second_problem(P, motion, F, math.sqrt, solve, _guarded(form))
+    except (np.linalg.LinAlgError, ZeroDivisionError):
+        raise _no_inverse(0, math.inf) from None
+    return one.ddC_p, one.dw_p
+
+
+def forward_dynamics(P: Parameters, motion: PlatformMotion, F: np.ndarray, form: str = "compliance") -> Accelerations:
+    """Platform accelerations under driving forces, for any number of samples and any N >= 1 of legs.
+
+    The joint accelerations are those of `inverse_kinematics` once ddC_p, dw_p stand in the motion.
+
+    Parameters
+    ----------
+    P : Parameters
+    motion : PlatformMotion
+        Arrays, world axes: C_p, dC_p, w_p (nt, 3) and R (nt, 3, 3), SI units.  Its accelerations are not read.
+    F : ndarray, shape (nt, N)
+        Driving forces [N], + extends the leg.
+    form : name of one of `FORMS`
+        ``compliance`` serves steep legs, ``reduced`` is the smallest, ``paper`` is the paper's own (7), (8), (31).
+
+    Raises
+    ------
+    SingularPose
+        A leg too steep for the form, or of no length.
+    ArithmeticError
+        Row-scaled condition above 1e12.
+    ValueError
+        Wrong shape, a value that is not finite, or an unknown form.
+    """
+    zero = np.zeros(np.shape(motion.C_p))
+    motion = motion._replace(ddC_p=zero, dw_p=zero)
+    F = np.asarray(F, dtype=float)
+    expected = (len(zero) if zero.ndim else 0, len(P.p))
+    if F.shape != expected:
+        raise ValueError(f"F: got shape {F.shape}, expected {expected}: one force per sample and leg")
+    if not np.isfinite(F).all():
+        sample = int(np.argwhere(~np.isfinite(F))[0][0])
+        raise ValueError(f"F: sample {sample} is not finite: {F[sample].tolist()}")
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
+    for block, m in _blocks(motion):
+
+        def solve(rows: Any, right: Any, block: slice = block) -> list[np.ndarray]:
+            A = np.empty((block.stop - block.start, len(rows), len(rows)))
+            for i, row in enumerate(rows):
+                for j, x in enumerate(row):
+                    A[:, i, j] = x
+            b = np.stack(np.broadcast_arrays(*right), axis=-1)
+            length, condition, _ = row_scaled(A)
+            worst = int(np.argmax(condition))
+            if not condition[worst] <= LIMIT:
+                raise _no_inverse(block.start + worst, float(condition[worst]))
+            parts.append((condition, np.linalg.solve(A / length[..., None], (b / length)[..., None])[..., 0]))
+            return list(parts[-1][1].T)
+
+        with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name
+            stewart.second_problem(P, m, list(F[block].T), np.sqrt, solve, _guarded(form, block.start))
+    condition = np.concatenate([c for c, _ in parts])
+    x = np.concatenate([x for _, x in parts])
+    return Accelerations(x[:, :3], x[:, 3:6], condition)
