@@ -12,7 +12,7 @@ import numpy as np
 from . import stewart
 from .dynamics import _blocks
 from .solve import LIMIT, SingularPose, row_scaled
-from .stewart import Equations, LegState, Parameters, PlatformMotion, Scalar, Vector
+from .stewart import Equations, LegState, Parameters, PlatformMotion, Scalar, SecondProblem
 
 
 class Form(NamedTuple):
@@ -33,7 +33,7 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Platform accelerations, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2.
+    """Of the platform, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2.
 
     ``condition`` (nt,): row-scaled, of the form's matrix.
     """
@@ -51,22 +51,27 @@ def _least(values: list[Scalar], least: Scalar, first_sample: int, name: str, li
         raise SingularPose(first_sample + sample, leg + 1, name, float(x[leg, sample]), limit)
 
 
+def require_not_steep(name: str, P: Parameters, legs: Sequence[LegState], first_sample: int = 0) -> None:
+    """Raise SingularPose for a leg of no length, or too steep for a form: fewer than four digits would be left."""
+    size = max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)
+    least = size / LIMIT
+    _least([k.L for k in legs], least, first_sample, "length", f"below {least:.0e} m: no leg is left")
+    form = FORMS[name]
+    loss = form.loss_spinning if P.leg.spins else form.loss
+    if loss:
+        least = LIMIT ** (-1.0 / loss)
+        limit = f"below {least:.0e}: too steep for the form {name!r} of the equations"
+        _least([k.s for k in legs], least, first_sample, "sin q_n", limit)
+
+
 def _guarded(name: str, first_sample: int = 0) -> Equations:
-    """The equations of a form, refusing legs that are too steep for it: fewer than four digits would be left."""
+    """The equations of a form, refusing poses that it is not for."""
     if name not in FORMS:
         raise ValueError(f"form: got {name!r}, expected one of {', '.join(FORMS)}")
-    form = FORMS[name]
 
     def equations(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Any:
-        size = max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)
-        least = size / LIMIT
-        _least([k.L for k in legs], least, first_sample, "length", f"below {least:.0e} m: no leg is left")
-        loss = form.loss_spinning if P.leg.spins else form.loss
-        if loss:
-            least = LIMIT ** (-1.0 / loss)
-            limit = f"below {least:.0e}: too steep for the form {name!r} of the equations"
-            _least([k.s for k in legs], least, first_sample, "sin q_n", limit)
-        return form.equations(P, motion, legs, F)
+        require_not_steep(name, P, legs, first_sample)
+        return FORMS[name].equations(P, motion, legs, F)
 
     return equations
 
@@ -78,10 +83,8 @@ def _no_inverse(sample: int, condition: float) -> ArithmeticError:
     )
 
 
-def accelerations(
-    P: Parameters, motion: PlatformMotion, F: Sequence[float], form: str = "compliance"
-) -> tuple[Vector, Vector]:
-    """ddC_p [m/s^2] and dw_p [rad/s^2], world axes, of one state as plain floats: for integrators, no condition test.
+def accelerations(P: Parameters, motion: PlatformMotion, F: Sequence[float], form: str = "compliance") -> SecondProblem:
+    """Platform accelerations of one state as plain floats: for integrators, without condition test.
 
     Raises
     ------
@@ -95,10 +98,9 @@ def accelerations(
         return np.linalg.solve(np.array(rows), np.array(right)).tolist()
 
     try:
-        one = stewart.second_problem(P, motion, F, math.sqrt, solve, _guarded(form))
+        return stewart.second_problem(P, motion, F, math.sqrt, solve, _guarded(form))
     except (np.linalg.LinAlgError, ZeroDivisionError):
         raise _no_inverse(0, math.inf) from None
-    return one.ddC_p, one.dw_p
 
 
 def forward_dynamics(P: Parameters, motion: PlatformMotion, F: np.ndarray, form: str = "compliance") -> Accelerations:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .stewart import Scalar, Vector
 LEAST_COS_BETA = 1e-8
 """Smallest |cos beta| that leaves half of the digits in the two other angles."""
 
-Quaternion = Sequence[Scalar]
+Quaternion: TypeAlias = Iterable[Scalar]
 
 
 class GimbalLock(ArithmeticError):
@@ -32,7 +32,7 @@ def rotation(quaternion: Quaternion) -> tuple[Vector, Vector, Vector]:
 
 
 def quaternion_rate(quaternion: Quaternion, w_p: Vector) -> tuple[Scalar, ...]:
-    """q' = (0, w_p) q / 2, w_p in world axes."""
+    """Rate q' = (0, w_p) q / 2 of a quaternion, w_p in world axes."""
     w, x, y, z = quaternion
     a, b, c = w_p
     return (
@@ -43,14 +43,15 @@ def quaternion_rate(quaternion: Quaternion, w_p: Vector) -> tuple[Scalar, ...]:
     )
 
 
-def turned(quaternion: Quaternion, turn: Sequence[float]) -> list[float]:
+def turned(quaternion: Quaternion, turn: Iterable[float]) -> list[float]:
     """The unit quaternion of ``quaternion``, turned by a rotation vector in world axes [rad]."""
-    angle = math.hypot(*turn)
+    x, y, z = turn
+    angle = math.hypot(x, y, z)
     f = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-    product = quaternion_rate(quaternion, (2.0 * f * turn[0], 2.0 * f * turn[1], 2.0 * f * turn[2]))
-    q = [math.cos(0.5 * angle) * x + d for x, d in zip(quaternion, product, strict=True)]
+    product = quaternion_rate(quaternion, (2.0 * f * x, 2.0 * f * y, 2.0 * f * z))
+    q = [math.cos(0.5 * angle) * a + d for a, d in zip(quaternion, product, strict=True)]
     length = math.hypot(*q)
-    return [x / length for x in q]
+    return [a / length for a in q]
 
 
 def quaternion_from_cardan(angles: Any) -> np.ndarray:

@@ -578,11 +578,15 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 class SecondProblem(NamedTuple):
-    """Accelerations of the platform, world axes [m/s^2, rad/s^2]; ``unknowns``: all that the form solved for."""
+    """Accelerations of the platform, world axes [m/s^2, rad/s^2].
+
+    ``unknowns``: all that the form solved for; ``legs``: at zero accelerations.
+    """
 
     ddC_p: Vector
     dw_p: Vector
     unknowns: Sequence[Scalar]
+    legs: list[LegState]
 
 
 Equations: TypeAlias = Callable[
@@ -648,7 +652,7 @@ class Bordered(NamedTuple):
 
 def plus_dyad(rows: list[list[Scalar]], k: Scalar, d: Sequence[Scalar]) -> list[list[Scalar]]:
     """Matrix + k d d^T."""
-    return [[a + kd * d_j for a, d_j in zip(row, d, strict=True)] for row, kd in zip(rows, [k * x for x in d])]
+    return [[a + k * d_i * d_j for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
 
 
 def bordered(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Bordered:
@@ -711,7 +715,7 @@ def loop_columns(k: LegState) -> tuple[Vector, Vector, Vector]:
 
 
 def loop_rows(legs: Sequence[LegState]) -> list[list[Scalar]]:
-    """(31) differentiated: 3N rows in the rates of (C_p, turn; q_o, q_n, q_s of each leg), dC_p + w_p x r - (L y_n)'."""
+    """(31) differentiated, dC_p + w_p x r - (L y_n)': 3N rows in (dC_p, w_p; q_o', q_n', q_s' of each leg)."""
     rows = []
     for i, k in enumerate(legs):
         columns = loop_columns(k)
@@ -792,16 +796,16 @@ def second_problem(
     """
     held, legs = held_legs(P, motion, sqrt)
     x = solve(*equations(P, held, legs, F))
-    return SecondProblem((x[0], x[1], x[2]), (x[3], x[4], x[5]), x)
+    return SecondProblem((x[0], x[1], x[2]), (x[3], x[4], x[5]), x, legs)
 
 
 # --- Energy -----------------------------------------------------------------------------------------------------------
 
 
 def energy(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState]) -> tuple[Scalar, Scalar]:
-    """Kinetic and potential energy of platform and legs [J]; gravity's zero: C_p and every O_n at the origin of heights.
+    """Kinetic and potential energy of platform and legs [J].  Accelerations are not read.
 
-    Left out of the potential is what never changes, the hull pins' heights.  Accelerations are not read.
+    The potential leaves out what never changes: the heights of the hull pins.
     """
     w_P = apply_transposed(motion.R, motion.w_p)
     T = 0.5 * (P.m_p * dot(motion.dC_p, motion.dC_p) + dot(w_P, apply(P.I_p, w_P)))
@@ -816,7 +820,9 @@ def energy(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState]) -> t
     return T, V
 
 
-def power(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> tuple[Scalar, Scalar]:
+def power(
+    P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]
+) -> tuple[Scalar, Scalar]:
     """Power of the driving forces, sum F_i L_i', and of the load on the platform [W]."""
     force, moment = outside_wrench(P, motion)
     actuators = 0.0
