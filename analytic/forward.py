@@ -16,17 +16,17 @@ from .stewart import Equations, LegState, Parameters, PlatformMotion, Scalar, Se
 
 
 class Form(NamedTuple):
-    """A form of the equations, and the power of 1/s that multiplies its rounding without and with spin inertia."""
+    """A form of the equations, and the power of 1/s by which its rounding grows without and with spin inertia."""
 
     equations: Equations
-    loss: int
-    loss_spinning: int
+    loss: float
+    loss_spinning: float
 
 
 FORMS = {
-    "compliance": Form(stewart.compliance_equations, 0, 1),  # z_n itself has the rounding of l over s
-    "reduced": Form(stewart.reduced_equations, 0, 2),  # 1/s^2 in the matrix
-    "paper": Form(stewart.paper_equations, 3, 1),  # without spin inertia q_o'' itself grows as 1/s^2
+    "compliance": Form(stewart.compliance_equations, 0.0, 1.0),  # z_n has the rounding of l over s
+    "reduced": Form(stewart.reduced_equations, 0.0, 2.0),  # 1/s^2 in the matrix
+    "paper": Form(stewart.paper_equations, 3.0, 1.0),  # without spin inertia q_o'' itself grows as 1/s^2
 }
 """Forms of (7), (8), (31) by name; the first one is the default."""
 
@@ -43,25 +43,29 @@ class Accelerations:
     condition: np.ndarray
 
 
-def _least(values: list[Scalar], least: Scalar, first_sample: int, name: str, limit: str) -> None:
-    """Raise SingularPose for the leg whose value is furthest below what is needed; NaN is below everything."""
-    x = np.atleast_2d(np.array(values).T).T  # (N, nt)
-    leg, sample = (int(i) for i in np.unravel_index(int(np.argmin(x)), x.shape))
-    if not x[leg, sample] >= least:
-        raise SingularPose(first_sample + sample, leg + 1, name, float(x[leg, sample]), limit)
+def _require(good: np.ndarray, values: np.ndarray, first_sample: int, name: str, limit: str) -> None:
+    """Raise SingularPose for the first leg and sample that are not good; both arrays (N, nt) or (N,)."""
+    if not good.all():
+        leg, sample = np.argwhere(~np.atleast_2d(good.T).T)[0]
+        value = float(np.atleast_2d(values.T).T[leg, sample])
+        raise SingularPose(first_sample + int(sample), int(leg) + 1, name, value, limit)
 
 
 def require_not_steep(name: str, P: Parameters, legs: Sequence[LegState], first_sample: int = 0) -> None:
-    """Raise SingularPose for a leg of no length, or too steep for a form: fewer than four digits would be left."""
-    size = max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)
-    least = size / LIMIT
-    _least([k.L for k in legs], least, first_sample, "length", f"below {least:.0e} m: no leg is left")
+    """Raise SingularPose for a leg of no length, or so steep that a form leaves fewer than four digits.
+
+    Rounding grows as the form says; a base or spin inertia that moves also needs q_o' = V . z_n / s, where z_n has the
+    rounding of l over s: q_o'^2 adds rates squared over s^2, against accelerations of the order 1 rad/s^2.
+    """
+    L, s, dq_n, w = np.array([(k.L, k.s, k.dq_n, k.w) for k in legs]).swapaxes(0, 1)
+    least = (max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)) / LIMIT
+    _require(L >= least, L, first_sample, "length", f"below {least:.0e} m: no leg is left")
     form = FORMS[name]
-    loss = form.loss_spinning if P.leg.spins else form.loss
-    if loss:
-        least = LIMIT ** (-1.0 / loss)
-        limit = f"below {least:.0e}: too steep for the form {name!r} of the equations"
-        _least([k.s for k in legs], least, first_sample, "sin q_n", limit)
+    with np.errstate(all="ignore"):  # what overflows is refused
+        moving = (dq_n * dq_n + w * w) / (s * s) if P.leg.spins else 0.0
+        growth = s ** -(form.loss_spinning if P.leg.spins else form.loss) + moving
+    limit = f"in the form {name!r} rounding grows by up to {growth.max():.0e}, expected at most {LIMIT:.0e}"
+    _require(growth <= LIMIT, s, first_sample, "sin q_n", limit)
 
 
 def _guarded(name: str, first_sample: int = 0) -> Equations:
