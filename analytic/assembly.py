@@ -39,16 +39,17 @@ class Assembly:
     residual: float
 
 
-def _numbers(name: str, values: Sequence[float] | np.ndarray, count: int) -> list[float]:
+Numbers = Sequence[float] | np.ndarray
+
+
+def _numbers(name: str, values: Numbers, count: int) -> list[float]:
     array = np.asarray(values, dtype=float)
     if array.shape != (count,) or not np.isfinite(array).all():
         raise AssemblyError(f"{name}: got {array.tolist()}, expected {count} finite numbers")
     return array.tolist()
 
 
-def assemble(
-    P: Parameters, L: Sequence[float] | np.ndarray, position: Sequence[float], quaternion: Sequence[float]
-) -> Assembly:
+def assemble(P: Parameters, L: Numbers, position: Numbers, quaternion: Numbers) -> Assembly:
     """The pose near a guess in which the legs have the lengths L, by Newton on (31).
 
     A hexapod has up to 40 poses with the same lengths: the guess chooses.
