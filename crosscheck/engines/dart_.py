@@ -1,9 +1,10 @@
-"""DART from the URDF and the loop list: mass matrix, bias and Jacobians, then its own inverse dynamics."""
+"""DART from the URDF and the loop list: terms, then its own inverse dynamics; and its own steps in time."""
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,17 +12,31 @@ import numpy as np
 from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError, ModelFacts
-from ..kkt import KktEngine, State, Terms, tree_facts
+from ..engine import EngineError, Law, ModelFacts
+from ..kkt import State, Terms, tree_facts
+from ..native import Answer, SolverEngine, in_plane, mobility
 from ..trajectory import Trajectory
 
 
-class DartEngine(KktEngine):
+TIME_STEP = 1e-7
+"""Of World.step, s: the error is proportional to it, and what velocities are rounded by, over it, is a thousandth."""
+
+MIXING = 1e-9
+"""Constraint force mixing: the least that DART takes; a row yields by as much of its own J M^-1 J^T, and of 1/kg."""
+
+
+class DartEngine(SolverEngine):
     """The skeleton of the URDF, closed by the points of the loop list."""
 
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
+    law: ClassVar[Law] = Law(
+        "time_step",
+        "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of a"
+        " state beside the wanted one, by first-order theory in the time step (see `_defects`); the error was measured"
+        " at 1.00 times this law from 1e-5 to 1e-7 s",
+    )
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import dartpy
@@ -44,6 +59,7 @@ class DartEngine(KktEngine):
             for loop in closures["loops"]
         ]
         self.platform = self._body("platform")
+        self.time_step = TIME_STEP
 
     def _body(self, name: str) -> Any:
         body = self.skeleton.getBodyNode(name)
@@ -122,6 +138,131 @@ class DartEngine(KktEngine):
             for n, body in enumerate(bodies):
                 force[k, n], R[k, n] = body.getBodyForce(), body.getWorldTransform().rotation()
         return wrench.from_dart(force, R)
+
+    @property
+    def forward_setting(self) -> str:
+        """The second of two steps."""
+        return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
+
+    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+        """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
+
+        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
+        """
+        sk, scene, dt = self.skeleton, self.scene, self.time_step
+        rods, axes = [ends[0] for ends in self.loops], list(scene.loop_axes)
+        of_tree = np.array([sk.getDof(d).getTreeIndex() for d in range(sk.getNumDofs())])
+        tau = np.zeros_like(state.v)
+        tau[:, self.actuated()] = F
+        a, M, loop_forces = np.empty_like(tau), np.empty((*tau.shape, tau.shape[1])), np.zeros((len(F), scene.N, 3))
+        with self._world(state) as world:
+            for k in range(len(F)):
+                self._set(state, k)
+                M[k] = sk.getMassMatrix()
+                sk.integratePositions(-dt)
+                R: list[np.ndarray] = []
+                for _ in range(2):
+                    sk.setForces(tau[k])  # a step clears forces and load
+                    if scene.load:
+                        self.platform.addExtForce(np.array(scene.load.force), np.array(scene.load.point), False, True)
+                        self.platform.addExtTorque(np.array(scene.load.moment), False)
+                    R = [rod.getWorldTransform().rotation() for rod, _ in rods]
+                    world.step(True)
+                a[k] = sk.getAccelerations()
+                for i, (rod, tip) in enumerate(rods):
+                    # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
+                    tree = rod.getTreeIndex()
+                    J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
+                    force_W = np.zeros(3)
+                    force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
+                    loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
+        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a))
+
+    @contextlib.contextmanager
+    def _world(self, state: State) -> Iterator[Any]:
+        """A world of this skeleton, closed at the first sample's pose; what is global in DART is put back after."""
+        dart, sk = self.dart, self.skeleton
+        joint = dart.constraint.BallJointConstraint
+        world = dart.simulation.World()
+        world.setGravity(sk.getGravity())  # it overwrites the skeleton's
+        world.setTimeStep(self.time_step)
+        awake = world.getDeactivationOptions()
+        awake.mEnabled = False
+        world.setDeactivationOptions(awake)
+        world.addSkeleton(sk)
+        self._set(state, 0)
+        before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
+        joint.setErrorReductionParameter(0.0)
+        joint.setConstraintForceMixing(MIXING)
+        solver = world.getConstraintSolver()
+        for (rod, tip), (platform, _) in self.loops:
+            solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
+        try:
+            yield world
+        finally:
+            joint.setErrorReductionParameter(before[0])
+            joint.setConstraintForceMixing(before[1])
+            solver.removeAllConstraints()  # before the skeleton goes
+            world.removeSkeleton(sk)
+
+    def _defects(self, state: State, terms: Terms, M: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Force and closure defect of the second step, to first order in the time step.
+
+        Written with w = J'[v] v, which is dJ v.  The first step starts with J v = -dt w at the earlier pose and takes
+        that away: its acceleration is a_1 = a + M^-1 J^T p with p = 2 A^-1 w, A = J M^-1 J^T.  The second one starts at
+        v + dt a_1 and at the wanted pose, but for dt^2 a_1:
+
+        - its bias is that of v + dt a_1: the force defect is -dt (dh/dv) a_1, of h that is quadratic in v;
+        - J changed from the earlier pose to this one along v + dt a_1, not at a point: the closure defect is
+          -dt (J'[a_1] v + J'[v] a_1 - J''[v, v] v / 2);
+        - DART takes the lever of the platform to the rod's tip, across the gap: dt w and dt^2 w in the two steps give
+          dt (omega x w) / 2;
+        - mixing yields by C = CFM (1/kg + diag A) per force, alike in both steps but for p: C p.
+
+        Rounding of v, by free motion and loops in each of the two steps, over dt, comes on top, with one sign for all.
+        """
+        dt, axes = self.time_step, list(self.scene.loop_axes)
+
+        def bias(v: np.ndarray, q: np.ndarray = state.q) -> Terms:
+            return self.terms(State(q, v, np.zeros_like(v)))
+
+        def rows(x: np.ndarray) -> np.ndarray:
+            return x[..., axes].reshape(len(x), -1)
+
+        v, J, w = state.v, terms.J, terms.gap_acceleration
+        A = mobility(M, J)
+        p = 2.0 * np.linalg.solve(A, rows(w)[..., None])
+        a_1 = a + np.linalg.solve(M, J.transpose(0, 2, 1) @ p)[..., 0]
+        both, alone = bias(v + a_1), bias(a_1)
+        dh = both.tau - terms.tau - alone.tau + bias(0 * v).tau
+        later, earlier = (bias(v, self._moved(state, step)).gap_acceleration for step in (dt, -dt))
+        turning = self._in_world(v)[:, None, 3:]
+        change = both.gap_acceleration - w - alone.gap_acceleration
+        change -= 0.5 * ((later - earlier) / (2.0 * dt) + np.cross(turning, w))
+        mixing = MIXING * (1.0 + np.einsum("tii->ti", A)) * p[..., 0]
+        eps = 4.0 * np.finfo(float).eps / dt
+        force_noise, closure_noise = (eps * np.einsum("tij,tj->ti", np.abs(x), np.abs(v)) for x in (M, J))
+        return -dt * dh + force_noise, -dt * rows(change) + mixing + closure_noise
+
+    def _moved(self, state: State, step: float) -> np.ndarray:
+        """Positions after so many seconds at the same velocities."""
+        out = np.empty_like(state.q)
+        for k in range(len(out)):
+            self._set(state, k)
+            self.skeleton.integratePositions(step)
+            out[k] = self.skeleton.getPositions()
+        return out
+
+    def _in_world(self, x: np.ndarray) -> np.ndarray:
+        """Linear and angular part (nt, 6) of the platform's velocities or accelerations, which are in world axes."""
+        j = self.velocity_index(self.scene.platform_coordinates[0] if self.scene.freedom == "point" else "platform")
+        if self.scene.freedom != "spatial":
+            return in_plane(x[:, j : j + self.scene.platform_equations])
+        return np.hstack([x[:, j + 3 : j + 6], x[:, j : j + 3]])
+
+    def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
+        """A free joint accelerates in world axes."""
+        return self._in_world(a)
 
     def _set(self, state: State, k: int) -> None:
         """State of one sample; DART only prints when it refuses one, so what it holds is read back."""
