@@ -90,7 +90,12 @@ def run(
 
         def done(name: str, route: str, result: DynamicsResult | Failure) -> None:
             outcome = f"failed: {result.reason}" if isinstance(result, Failure) else f"done in {result.seconds:.2f} s"
-            progress.print(f"{name} {route} {outcome}" if route else f"{name} {outcome}", highlight=False, markup=False, soft_wrap=True)
+            progress.print(
+                f"{name} {route} {outcome}" if route else f"{name} {outcome}",
+                highlight=False,
+                markup=False,
+                soft_wrap=True,
+            )
 
         report = run_scene(loaded, motion, engine or (), done)
         folder = out or Path("runs") / report.info["run_id"]

@@ -19,11 +19,10 @@ from .engine import (
     Engine,
     Failure,
     Key,
-    is_forward,
     platform_quantity,
     quantity,
 )
-from .tolerance import CLOSURE, LAW_FACTOR, LAW_LIMIT, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
+from .tolerance import CLOSURE, EASY_CONDITION, LAW_FACTOR, LAW_LIMIT, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
 from .trajectory import Trajectory
 
 PASS, FAIL, ERROR, UNSUPPORTED = "pass", "fail", "error", "unsupported"
@@ -195,7 +194,8 @@ def _allowed(
     else:
         law = quantity(scene, name, result.F, result.predicted["reactions"])
     off = np.linalg.norm(law, axis=2).max(axis=1) / scale
-    return LAW_FACTOR * off + tolerance.value * wider, np.full(len(off), f"law_of_{result.law.name}")
+    rounding = tolerance.value * np.maximum(wider, result.law.condition / EASY_CONDITION)
+    return LAW_FACTOR * off + rounding, np.full(len(off), f"law_of_{result.law.name}")
 
 
 def agreement(

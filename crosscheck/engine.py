@@ -58,10 +58,11 @@ class ModelFacts:
 
 
 class Law(NamedTuple):
-    """Name of the error that an engine's own solver is known to make, and why it makes it."""
+    """Name of the error that an engine's own solver is known to make, and why; what rounding is multiplied by in it."""
 
     name: str
     why: str
+    condition: float = 1.0
 
 
 @dataclass(frozen=True)

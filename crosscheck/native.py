@@ -42,12 +42,16 @@ class SolverEngine(KktEngine):
     """An engine that assembles loops and also solves them itself; a subclass sets up its solver and states its law."""
 
     forward_route: ClassVar[str] = "native"
-    law: ClassVar[Law]
 
     @property
     @abstractmethod
     def forward_setting(self) -> str:
         """The solver's name and what it was set to."""
+
+    @property
+    @abstractmethod
+    def law(self) -> Law:
+        """Name and reason of the error that the solver makes at this setting."""
 
     @abstractmethod
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:

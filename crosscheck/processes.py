@@ -133,9 +133,12 @@ def run_engines(
                 return str(Path(folder) / "-".join(key))
 
             def start(key: Key, motion: Trajectory, F: np.ndarray | None) -> None:
-                with _interrupts_ignored():
-                    args = (key[0], scene, models, motion, F, log(key))
-                    running[pools[key[0]].schedule(_work, args=args, timeout=limit)] = key
+                args = (key[0], scene, models, motion, F, log(key))
+                try:
+                    with _interrupts_ignored():
+                        running[pools[key[0]].schedule(_work, args=args, timeout=limit)] = key
+                except RuntimeError as e:  # no process could be started before, and none will
+                    end(key, Failure(f"{type(e).__name__}: {e}"))
 
             def start_forward(truth: DynamicsResult | Failure) -> None:
                 for name, engine in engines.items():

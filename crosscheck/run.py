@@ -155,7 +155,9 @@ def run(
         },
         "truth": _truth(compare.truth_of(results), len(trajectory.t)),
         "models": {n: asdict(r.model) for (n, _), r in results.items() if isinstance(r, DynamicsResult) and r.model},
-        "failed": [{"engine": n, "route": m, "reason": r.reason} for (n, m), r in results.items() if isinstance(r, Failure)],
+        "failed": [
+            {"engine": n, "route": m, "reason": r.reason} for (n, m), r in results.items() if isinstance(r, Failure)
+        ],
     }
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status

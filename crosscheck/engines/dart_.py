@@ -17,9 +17,8 @@ from ..kkt import State, Terms, tree_facts
 from ..native import Answer, SolverEngine, in_plane, mobility
 from ..trajectory import Trajectory
 
-
-TIME_STEP = 1e-7
-"""Of World.step, s: the error is proportional to it, and what velocities are rounded by, over it, is a thousandth."""
+TIME_STEP = 1e-6
+"""Of World.step, s: the error is proportional to it, and rounding of velocities, divided by it, is a hundredth yet."""
 
 MIXING = 1e-9
 """Constraint force mixing: the least that DART takes; a row yields by as much of its own J M^-1 J^T, and of 1/kg."""
@@ -31,12 +30,6 @@ class DartEngine(SolverEngine):
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
-    law: ClassVar[Law] = Law(
-        "time_step",
-        "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of a"
-        " state beside the wanted one, by first-order theory in the time step (see `_defects`); the error was measured"
-        " at 1.00 times this law from 1e-5 to 1e-7 s",
-    )
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import dartpy
@@ -144,6 +137,15 @@ class DartEngine(SolverEngine):
         """The second of two steps."""
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
+    @property
+    def law(self) -> Law:
+        """First-order theory in the time step, see `_defects`; velocities are rounded before they are divided by it."""
+        why = (
+            "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of"
+            " a state beside the wanted one; the error was measured at 1.00 times this law from 1e-3 to 1e-7 s"
+        )
+        return Law("time_step", why, condition=1.0 / self.time_step)
+
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
         """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
 
@@ -176,7 +178,7 @@ class DartEngine(SolverEngine):
                     force_W = np.zeros(3)
                     force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
                     loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
-        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a))
+        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a, loop_forces))
 
     @contextlib.contextmanager
     def _world(self, state: State) -> Iterator[Any]:
@@ -205,26 +207,22 @@ class DartEngine(SolverEngine):
             solver.removeAllConstraints()  # before the skeleton goes
             world.removeSkeleton(sk)
 
-    def _defects(self, state: State, terms: Terms, M: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force and closure defect of the second step, to first order in the time step.
+    def _defects(
+        self, state: State, terms: Terms, M: np.ndarray, a: np.ndarray, loop_forces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Force and closure defect of the second step, by Taylor's series in the time step.
 
         Written with w = J'[v] v, which is dJ v.  The first step starts with J v = -dt w at the earlier pose and takes
-        that away: its acceleration is a_1 = a + M^-1 J^T p with p = 2 A^-1 w, A = J M^-1 J^T.  The second one starts at
-        v + dt a_1 and at the wanted pose, but for dt^2 a_1:
+        that away: its acceleration is a_1 = a + M^-1 J^T p with p = 2 A^-1 w, A = J M^-1 J^T.  So the second one starts
+        beside the wanted state, at v + dt a_1 and, by dt^2 a_1, at another pose.  What it solves there:
 
-        - its bias is that of v + dt a_1: the force defect is -dt (dh/dv) a_1, of h that is quadratic in v;
-        - J changed from the earlier pose to this one along v + dt a_1, not at a point: the closure defect is
-          -dt (J'[a_1] v + J'[v] a_1 - J''[v, v] v / 2);
-        - DART takes the lever of the platform to the rod's tip, across the gap: dt w and dt^2 w in the two steps give
-          dt (omega x w) / 2;
+        - forces are in balance: the force defect is the difference of the terms here and there;
+        - J v stays zero from the earlier pose to this one, and not at a point: J a + J'[v] v is dt J''[v, v] v / 2;
+        - DART takes the lever of the platform to the rod's tip, across the gap: dt^2 w / 2 and dt^2 w before the two
+          steps give dt (omega x w) / 2;
         - mixing yields by C = CFM (1/kg + diag A) per force, alike in both steps but for p: C p.
-
-        Rounding of v, by free motion and loops in each of the two steps, over dt, comes on top, with one sign for all.
         """
         dt, axes = self.time_step, list(self.scene.loop_axes)
-
-        def bias(v: np.ndarray, q: np.ndarray = state.q) -> Terms:
-            return self.terms(State(q, v, np.zeros_like(v)))
 
         def rows(x: np.ndarray) -> np.ndarray:
             return x[..., axes].reshape(len(x), -1)
@@ -233,20 +231,21 @@ class DartEngine(SolverEngine):
         A = mobility(M, J)
         p = 2.0 * np.linalg.solve(A, rows(w)[..., None])
         a_1 = a + np.linalg.solve(M, J.transpose(0, 2, 1) @ p)[..., 0]
-        both, alone = bias(v + a_1), bias(a_1)
-        dh = both.tau - terms.tau - alone.tau + bias(0 * v).tau
-        later, earlier = (bias(v, self._moved(state, step)).gap_acceleration for step in (dt, -dt))
-        turning = self._in_world(v)[:, None, 3:]
-        change = both.gap_acceleration - w - alone.gap_acceleration
-        change -= 0.5 * ((later - earlier) / (2.0 * dt) + np.cross(turning, w))
+        here = self.terms(State(state.q, v, a))
+        there = self.terms(State(self._moved(state.q, a_1, dt * dt), v + dt * a_1, a))
+        later, earlier = (
+            self.terms(State(self._moved(state.q, v, step), v, 0 * a)).gap_acceleration for step in (dt, -dt)
+        )
+        ddJ = (later - earlier) / (2.0 * dt)
+        lever = np.cross(self._in_world(v)[:, None, 3:], w)
+        closure = rows(here.gap_acceleration - there.gap_acceleration + 0.5 * dt * (ddJ + lever))
+        force = here.tau - there.tau + np.einsum("tij,ti->tj", there.J - J, rows(loop_forces))
         mixing = MIXING * (1.0 + np.einsum("tii->ti", A)) * p[..., 0]
-        eps = 4.0 * np.finfo(float).eps / dt
-        force_noise, closure_noise = (eps * np.einsum("tij,tj->ti", np.abs(x), np.abs(v)) for x in (M, J))
-        return -dt * dh + force_noise, -dt * rows(change) + mixing + closure_noise
+        return force, closure + mixing
 
-    def _moved(self, state: State, step: float) -> np.ndarray:
-        """Positions after so many seconds at the same velocities."""
-        out = np.empty_like(state.q)
+    def _moved(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
+        """Positions after so many seconds at velocities (nt, nv)."""
+        state, out = State(q, v, np.zeros_like(v)), np.empty_like(q)
         for k in range(len(out)):
             self._set(state, k)
             self.skeleton.integratePositions(step)

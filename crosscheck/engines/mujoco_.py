@@ -20,7 +20,6 @@ from ..kkt import State, Terms
 from ..native import Answer, SolverEngine, in_plane
 from ..trajectory import Trajectory
 
-
 IMPEDANCE = 0.9999
 """Both ends of solimp: the hardest loops that MuJoCo does not clamp (mjMAXIMP)."""
 
@@ -34,11 +33,6 @@ class MujocoEngine(SolverEngine):
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
     setting: ClassVar[str] = "mj_inverse, mj_rnePostConstraint"
-    law: ClassVar[Law] = Law(
-        "softness",
-        "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
-        " accelerate by -R lambda; the error was measured at 1.000 times this law from d = 0.9 to 0.9999",
-    )
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import mujoco
@@ -130,12 +124,18 @@ class MujocoEngine(SolverEngine):
         """On a copy of the model: the MJCF has MuJoCo's defaults."""
         return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
 
-    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
-        """``mj_forward``: forces on the motors, the load among the applied forces, soft loops.
+    @property
+    def law(self) -> Law:
+        """Rows are soft; what is solved has their stiffness in it."""
+        why = (
+            "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
+            " accelerate by -R lambda; the error was measured at 1.000 times this law from d = 0.9 to 0.9999; the"
+            " solver factors M + J^T R^-1 J"
+        )
+        return Law("softness", why, condition=1.0 / (1.0 - self.impedance))
 
-        Their softness is the closure defect.  The solver factors M + J^T R^-1 J, and rounding of the second part, nv
-        units in the last place, is a force defect, with one sign for all.
-        """
+    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+        """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
         m.eq_solimp[:, :2] = self.impedance
         m.opt.tolerance = TOLERANCE
@@ -153,11 +153,7 @@ class MujocoEngine(SolverEngine):
             a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
             mj.mj_fullM(m, d, M[k])
         self._require_quiet(d)
-        closure = -(R * loop_forces)[..., axes].reshape(nt, scene.nc)
-        stiffness = 1.0 / R[..., axes].reshape(nt, scene.nc)
-        J = np.abs(terms.J)
-        rounding = m.nv * np.finfo(float).eps * np.einsum("tij,ti,tik,tk->tj", J, stiffness, J, np.abs(a))
-        return Answer(a, loop_forces, M, rounding, closure)
+        return Answer(a, loop_forces, M, np.zeros_like(a), -(R * loop_forces)[..., axes].reshape(nt, scene.nc))
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""
