@@ -17,7 +17,7 @@ from rich.table import Table
 from ..models import SceneError, load_scene, scene_names, write_models
 from ..reports import OutputError, print_audit, print_verdict, require_free, write_files, write_run
 from . import audit as audit_of_text
-from .engine import DynamicsResult, EngineError, Failure, UnknownEngine, engine_version
+from .engine import DynamicsResult, EngineError, Failure, UnknownEngine, engine_version, routes
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, require_determinate
 from .run import run as run_scene
 from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
@@ -89,9 +89,14 @@ def run(
     progress = _console(stderr=True)
     with progress.status(f"{loaded.name}: {len(motion.t)} samples"):
 
-        def done(name: str, result: DynamicsResult | Failure) -> None:
+        def done(name: str, route: str, result: DynamicsResult | Failure) -> None:
             outcome = f"failed: {result.reason}" if isinstance(result, Failure) else f"done in {result.seconds:.2f} s"
-            progress.print(f"{name} {outcome}", highlight=False, markup=False, soft_wrap=True)
+            progress.print(
+                f"{name} {route} {outcome}" if route else f"{name} {outcome}",
+                highlight=False,
+                markup=False,
+                soft_wrap=True,
+            )
 
         report = run_scene(loaded, motion, engine or (), done)
         folder = out or Path("runs") / report.info["run_id"]
@@ -191,7 +196,7 @@ def engines() -> int:
         if isinstance(e, Failure):
             table.add_row(name, "-", "-", f"[red]{escape(e.reason)}[/]")
         else:
-            table.add_row(name, e.route, e.package, engine_version(e) or "[red]missing[/]")
+            table.add_row(name, ", ".join(routes(e)), e.package, engine_version(e) or "[red]missing[/]")
     _console().print(table)
     return 0
 

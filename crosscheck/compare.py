@@ -10,27 +10,48 @@ import pandas as pd
 
 from ..models.scene import Scene
 from .balance import balance
-from .engine import HULL, LOOPS, REFERENCE, DynamicsResult, Engine, Failure, quantity
-from .tolerance import CLOSURE, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
+from .engine import (
+    HULL,
+    LOOPS,
+    PLATFORM,
+    REFERENCE,
+    DynamicsResult,
+    Engine,
+    Failure,
+    Key,
+    platform_quantity,
+    quantity,
+)
+from .tolerance import CLOSURE, EASY_CONDITION, LAW_FACTOR, LAW_LIMIT, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
 from .trajectory import Trajectory
 
-PASS, FAIL, ERROR = "pass", "fail", "error"
+PASS, FAIL, ERROR, UNSUPPORTED = "pass", "fail", "error", "unsupported"
+
+NO_BOUND = f"the law of the engine's own solver allows more than {LAW_LIMIT:g} of the scale"
+"""The one reason for a row to be unsupported."""
 
 UNITS = {"F": "N", "M": "N m", "loop_pos": "m", "loop_vel": "m/s", "loop_acc": "m/s^2", "balance": "N"}
+UNITS |= {"a": "m/s^2", "alpha": "rad/s^2"}
 
 
 @dataclass(frozen=True)
 class Scales:
-    """What errors are divided by: the run's largest reaction force [N], longest leg [m], tip speed and acceleration."""
+    """What errors are divided by.
+
+    The run's largest reaction force [N], longest leg [m], tip speed and acceleration, and the longest lever of a pin
+    on the platform [m] (the longest leg where the platform is a point).
+    """
 
     force: float
     length: float
     speed: float
     acceleration: float
+    lever: float
 
     def of(self, name: str) -> float:
         """Scale of a quantity, in its unit."""
         special = {"balance": self.force, **dict(zip(LOOPS, (self.length, self.speed, self.acceleration), strict=True))}
+        special |= {"a": self.acceleration, "alpha": self.acceleration / self.lever}
         return special.get(name, self.force * (self.length if name.startswith("M") else 1.0))
 
 
@@ -57,29 +78,34 @@ def scales(scene: Scene, trajectory: Trajectory, truth: DynamicsResult) -> Scale
         length,
         float(np.linalg.norm(V, axis=2).max()) + length,
         float(np.linalg.norm(A, axis=2).max()) + length,
+        float(np.linalg.norm(r, axis=2).max()) or length,
     )
 
 
-def expected(scene: Scene, engine: type[Engine]) -> tuple[str, ...]:
-    """Quantities that an engine must deliver for a scene."""
-    return (*scene.quantities, *HULL, *engine.checks)
+def expected(scene: Scene, engine: type[Engine] | None, route: str) -> tuple[str, ...]:
+    """Quantities that an engine must deliver for a scene on one of its routes; an unknown engine: those of all."""
+    if engine is None:
+        return (*scene.quantities, *HULL)
+    if route == engine.route:
+        return (*scene.quantities, *HULL, *engine.checks)
+    return (*scene.quantities[1:], *HULL, *forward_quantities(scene))  # F is handed in
 
 
-def _errors(
-    scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str, length: float
-) -> tuple[np.ndarray, list[str]]:
-    """Error of one quantity (nt, columns), and what the columns are: legs or bodies."""
-    legs = [f"leg {i}" for i in scene.legs]
-    if name == "balance":
-        residual = balance(scene, trajectory, result.reactions, length)
-        return np.stack(list(residual.values()), axis=1), list(residual)
-    if name in LOOPS:
-        return np.linalg.norm(result.loops[name], axis=2), legs
-    want, radius = certified(scene, truth, name)
-    if result is truth:
-        return np.linalg.norm(radius, axis=2), legs
-    got = quantity(scene, name, result.F, result.reactions)[truth.samples]
-    return np.linalg.norm(got - want, axis=2), ["hull"] if name in HULL else legs
+def forward_quantities(scene: Scene) -> tuple[str, ...]:
+    """Accelerations that the platform has."""
+    return PLATFORM[:1] if scene.freedom == "point" else PLATFORM
+
+
+def truth_of(results: Mapping[Key, DynamicsResult | Failure]) -> DynamicsResult | Failure:
+    """Result of the certified reference."""
+    return next(result for (name, _), result in results.items() if name == REFERENCE)
+
+
+def values(scene: Scene, result: DynamicsResult, name: str) -> np.ndarray:
+    """One quantity of a result, leg by leg as `quantity` gives it."""
+    if name in PLATFORM:
+        return platform_quantity(name, np.asarray(result.platform))
+    return quantity(scene, name, result.F, result.reactions)
 
 
 def certified(scene: Scene, truth: DynamicsResult, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -87,27 +113,59 @@ def certified(scene: Scene, truth: DynamicsResult, name: str) -> tuple[np.ndarra
     if name in HULL:
         part = slice(3, 6) if name.startswith("F") else slice(0, 3)
         return np.asarray(truth.hull)[:, None, part], truth.radius["hull"][:, None, part]
-    values = quantity(scene, name, truth.F, truth.reactions)
-    return values, quantity(scene, name, truth.radius["F"], truth.radius["reactions"])
+    return values(scene, truth, name), quantity(scene, name, truth.radius["F"], truth.radius["reactions"])
+
+
+def _errors(
+    scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str, length: float
+) -> tuple[np.ndarray, list[str]]:
+    """Error of one quantity (samples, columns), and what the columns are: legs or bodies.
+
+    Samples are those of the truth; of the engine's own checks they are all.
+    """
+    legs = [f"leg {i}" for i in scene.legs]
+    if name == "balance":
+        residual = balance(scene, trajectory, result.reactions, length)
+        return np.stack(list(residual.values()), axis=1), list(residual)
+    if name in LOOPS:
+        return np.linalg.norm(result.loops[name], axis=2), legs
+    if name in PLATFORM:
+        given = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])[truth.samples]
+        want, radius, legs = platform_quantity(name, given), None, ["platform"]
+    else:
+        want, radius = certified(scene, truth, name)
+        legs = ["hull"] if name in HULL else legs
+    if result is truth:
+        return np.linalg.norm(radius, axis=2), legs
+    got = values(scene, result, name)[np.isin(result.samples, truth.samples)]
+    return np.linalg.norm(got - want, axis=2), legs
 
 
 def _judge(
-    errors: np.ndarray, where: Sequence[str], t: np.ndarray, scale: float, tolerance: Tolerance, wider: np.ndarray
+    errors: np.ndarray,
+    where: Sequence[str],
+    t: np.ndarray,
+    scale: float,
+    allowed: np.ndarray,
+    names: np.ndarray,
 ) -> dict:
     """One row's numbers and verdict; each sample is held to its own tolerance. A NaN never passes."""
-    share = errors / (scale * tolerance.value * wider[:, None])
-    passed = bool((share <= 1.0).all())
+    share = errors / (scale * allowed[:, None])
+    vague = allowed > LAW_LIMIT
+    fits = share <= 1.0
+    passed = bool(fits.all())
     sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors if passed else share)), errors.shape))
+    verdict = FAIL if not fits[~vague].all() else UNSUPPORTED if vague.any() else PASS
     max_abs = float(np.max(errors))  # NaN if any is
-    hard = wider[sample] > 1.0
     return {
         "max_abs": max_abs,
         "rms": float(np.sqrt(np.mean(errors**2))),
         "max_rel": max_abs / scale,
         "scale": scale,
-        "tolerance": tolerance.value * float(wider[sample]),
-        "tolerance_name": tolerance.name + ("_ill_conditioned" if hard else ""),
-        "verdict": PASS if passed else FAIL,
+        "tolerance": float(allowed[sample]),
+        "tolerance_name": str(names[sample]),
+        "verdict": verdict,
+        "reason": NO_BOUND if verdict == UNSUPPORTED else "",
         "where": f"{where[column]}, t = {t[sample]:.6g} s",
     }
 
@@ -123,28 +181,47 @@ def _tolerance(name: str, certified: bool, trajectory: Trajectory) -> tuple[Tole
     return ROUND_OFF, of_forces(trajectory.condition, trajectory.sin_q_n)
 
 
+def _allowed(
+    scene: Scene, trajectory: Trajectory, result: DynamicsResult, certified: bool, name: str, scale: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest error over the scale, and what it is called, at each sample of the result."""
+    tolerance, wider = _tolerance(name, certified, trajectory)
+    wider = wider[result.samples]
+    if result.law is None:
+        return tolerance.value * wider, np.where(wider > 1.0, f"{tolerance.name}_ill_conditioned", tolerance.name)
+    if name in PLATFORM:
+        law = platform_quantity(name, result.predicted["platform"])
+    else:
+        law = quantity(scene, name, result.F, result.predicted["reactions"])
+    off = np.linalg.norm(law, axis=2).max(axis=1) / scale
+    rounding = tolerance.value * np.maximum(wider, result.law.condition / EASY_CONDITION)
+    return LAW_FACTOR * off + rounding, np.full(len(off), f"law_of_{result.law.name}")
+
+
 def agreement(
     run_id: str,
     scene: Scene,
     trajectory: Trajectory,
     engines: Mapping[str, type[Engine] | Failure],
-    results: Mapping[str, DynamicsResult | Failure],
+    results: Mapping[Key, DynamicsResult | Failure],
 ) -> pd.DataFrame:
-    """Every expected row, whether its engine ran or not; `where` and `reason` stand beside the published columns."""
-    truth = results[REFERENCE]
+    """Every expected row of these routes, whether its engine ran or not.
+
+    `where` and `reason` stand beside the published columns.
+    """
+    truth = truth_of(results)
     rows: list[dict] = []
     size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None
-    for name, engine in engines.items():
-        result = results[name]
-        known = None if isinstance(engine, Failure) else engine
-        for q in expected(scene, known) if known else (*scene.quantities, *HULL):
+    for (name, route), result in results.items():
+        engine = engines[name]
+        for q in expected(scene, None if isinstance(engine, Failure) else engine, route):
             row = {
                 "run_id": run_id,
                 "scene": scene.name,
                 "trajectory": trajectory.source,
                 "engine": name,
                 "engine_version": result.version if isinstance(result, DynamicsResult) else "",
-                "route": known.route if known else "",
+                "route": route,
                 "setting": result.setting if isinstance(result, DynamicsResult) else "",
                 "quantity": q,
                 "unit": unit(q),
@@ -156,10 +233,11 @@ def agreement(
             elif not isinstance(truth, DynamicsResult) or size is None:
                 row["reason"] = "no certified truth to compare with"
             else:
-                held = slice(None) if q in (*LOOPS, "balance") else truth.samples
-                tolerance, wider = _tolerance(q, name == REFERENCE, trajectory)
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                row |= _judge(errors, where, trajectory.t[held], size.of(q), tolerance, wider[held])
+                allowed = _allowed(scene, trajectory, result, name == REFERENCE, q, size.of(q))
+                held = np.isin(result.samples, result.samples if q in (*LOOPS, "balance") else truth.samples)
+                t = trajectory.t[result.samples[held]]
+                row |= _judge(errors, where, t, size.of(q), *(x[held] for x in allowed))
                 row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)

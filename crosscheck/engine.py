@@ -12,7 +12,7 @@ import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, entry_points, version
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
@@ -27,6 +27,10 @@ REFERENCE = "reference"
 
 LOOPS = ("loop_pos", "loop_vel", "loop_acc")
 HULL = ("F_hull", "M_hull")
+PLATFORM = ("a", "alpha")
+
+Key = tuple[str, str]
+"""Engine and route of a result."""
 
 
 class EngineError(RuntimeError):
@@ -53,6 +57,14 @@ class ModelFacts:
     floors: tuple[str, ...] = ()
 
 
+class Law(NamedTuple):
+    """Name of the error that an engine's own solver is known to make, and why; what rounding is multiplied by in it."""
+
+    name: str
+    why: str
+    condition: float = 1.0
+
+
 @dataclass(frozen=True)
 class DynamicsResult:
     """What one engine says of one trajectory, world axes, SI units.
@@ -63,7 +75,9 @@ class DynamicsResult:
     tip).  ``loops``: closure residual (nt, N, 3) at position, velocity and acceleration level, from the engine's own
     model.  ``model``: what it counts there.  Of the certified reference alone: ``radius``, proven radii of F,
     reactions, L, dL, hull, by these names, and ``hull`` (nt, 6): moment and force on the hull about the mean of its
-    pins, from the rate of momentum.
+    pins, from the rate of momentum.  Of forward dynamics alone, whose ``F`` is what was handed in: ``platform``
+    (nt, 6), its acceleration and angular acceleration in world axes, and, if the solver is known not to be exact, its
+    ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes.
     """
 
     engine: str
@@ -79,6 +93,9 @@ class DynamicsResult:
     radius: Mapping[str, np.ndarray] = field(default_factory=dict)
     hull: np.ndarray | None = None
     model: ModelFacts | None = None
+    platform: np.ndarray | None = None
+    law: Law | None = None
+    predicted: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: float = float("nan")
 
 
@@ -108,6 +125,29 @@ class Engine(Protocol):
         ...
 
 
+class ForwardEngine(Engine, Protocol):
+    """An engine that also answers driving forces, on a second route."""
+
+    forward_route: ClassVar[str]
+
+    def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
+        """Platform acceleration and reactions under driving forces (nt, N) at a trajectory's poses and velocities.
+
+        Raises EngineError. The trajectory's accelerations are what the answer is compared with.
+        """
+        ...
+
+
+def routes(engine: type[Engine]) -> tuple[str, ...]:
+    """Routes of an engine, inverse dynamics first."""
+    return (engine.route, engine.forward_route) if is_forward(engine) else (engine.route,)
+
+
+def is_forward(engine: type[Engine]) -> TypeGuard[type[ForwardEngine]]:
+    """Whether an engine has a second route."""
+    return hasattr(engine, "forward_dynamics")
+
+
 def by_joint(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
     """Reactions (nt, nj, 6) in the order of `scene.joints` from forces and moments (nt, N, 3) by name."""
     zero = np.zeros_like(values["F_r"])
@@ -125,6 +165,11 @@ def quantity(scene: Scene, name: str, F: np.ndarray, reactions: np.ndarray) -> n
         return wrench.on_hull(reactions[:, first], np.array(scene.hull.pins))[:, None, part]
     index = [j for j, joint in enumerate(scene.joints) if getattr(joint, kind) == name]
     return reactions[:, index, part]
+
+
+def platform_quantity(name: str, platform: np.ndarray) -> np.ndarray:
+    """`a` or `alpha` (nt, 1, 3) from both (nt, 6)."""
+    return platform[:, None, :3] if name == "a" else platform[:, None, 3:]
 
 
 def _files() -> list[str]:
@@ -163,7 +208,9 @@ def require_finite(engine: str, **arrays: np.ndarray) -> None:
             raise EngineError(f"{engine}: {name} is not finite at sample {bad[0][0]}")
 
 
-def require_complete(name: str, engine: type[Engine], scene: Scene, trajectory: Trajectory, result: object) -> None:
+def require_complete(
+    name: str, engine: type[Engine], route: str, scene: Scene, trajectory: Trajectory, result: object
+) -> None:
     """Raise EngineError unless a result has everything that its engine declares, in the right shapes, all finite.
 
     Only the reference speaks for some of the samples, and brings radii.  `name` is the one that the engine was found
@@ -182,9 +229,15 @@ def require_complete(name: str, engine: type[Engine], scene: Scene, trajectory: 
         arrays |= {f"radius of {key}": value for key, value in result.radius.items()}
     elif result.radius or not np.array_equal(result.samples, np.arange(nt)):
         raise EngineError(f"{name}: only the reference brings radii or leaves samples out")
-    wanted = [check for check in engine.checks if check in LOOPS]
-    shapes |= {loop: (nt, N, 3) for loop in wanted}
-    arrays |= dict(result.loops)
+    if route == engine.route:
+        wanted = [check for check in engine.checks if check in LOOPS]
+        shapes |= {loop: (nt, N, 3) for loop in wanted}
+        arrays |= dict(result.loops)
+    else:
+        shapes["platform"], arrays["platform"] = (nt, 6), result.platform
+        if result.law:
+            shapes |= {f"law of {key}": shapes[key] for key in ("reactions", "platform")}
+            arrays |= {f"law of {key}": value for key, value in result.predicted.items()}
     for key, shape in shapes.items():
         got = np.shape(arrays[key]) if key in arrays else None
         if got != shape:

@@ -10,14 +10,26 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
 from ..models.scene import Scene
-from .engine import DynamicsResult, EngineError, Failure, load_engine, require_complete
+from .engine import (
+    REFERENCE,
+    DynamicsResult,
+    Engine,
+    EngineError,
+    Failure,
+    Key,
+    is_forward,
+    load_engine,
+    require_complete,
+)
 from .trajectory import Trajectory
 
 SECONDS, SECONDS_PER_SAMPLE = 60.0, 0.05
@@ -34,14 +46,17 @@ def _output_to(path: str) -> Iterator[None]:
 
 
 def _work(
-    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, log: str
+    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, F: np.ndarray | None, log: str
 ) -> DynamicsResult | Failure:
-    """Body of a worker process."""
+    """Body of a worker process: inverse dynamics, or forward dynamics under driving forces."""
     with _output_to(log):
         try:
             engine = load_engine(name)
-            result = engine(scene, models).inverse_dynamics(trajectory)
-            require_complete(name, engine, scene, trajectory, result)
+            if F is None or not is_forward(engine):
+                route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
+            else:
+                route, result = engine.forward_route, engine(scene, models).forward_dynamics(trajectory, F)
+            require_complete(name, engine, route, scene, trajectory, result)
             return result
         except ImportError as e:
             return Failure(f"missing package: {e}")
@@ -90,32 +105,68 @@ def _outcome(future: Future, log: str, limit: float) -> DynamicsResult | Failure
 
 
 def run_engines(
-    names: list[str],
+    engines: Mapping[str, type[Engine]],
     scene: Scene,
     models: Mapping[str, str],
     trajectory: Trajectory,
-    done: Callable[[str, DynamicsResult | Failure], None] = lambda name, result: None,
-) -> dict[str, DynamicsResult | Failure]:
-    """Results by name, in the order of `names`; `done` is called as each engine ends."""
+    done: Callable[[str, str, DynamicsResult | Failure], None] = lambda name, route, result: None,
+) -> dict[Key, DynamicsResult | Failure]:
+    """Results by engine and route; `done` is called as each of them ends.
+
+    Forward dynamics gets the driving forces of the certified reference, at its samples, once it has ended.
+    """
     limit = SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)
-    results: dict[str, DynamicsResult | Failure] = {}
-    # A spawned process shares nothing with this one. One pool each: no worker is used twice or started in vain.
+    results: dict[Key, DynamicsResult | Failure] = {}
+    # A spawned process shares nothing with this one. One pool each: no worker is shared or started in vain.
     spawn = multiprocessing.get_context("spawn")
-    pools = {name: ProcessPool(max_workers=1, context=spawn) for name in names}
+    pools = {name: ProcessPool(max_workers=1, context=spawn) for name in engines}
+    running: dict[Any, Key] = {}
+
+    def end(key: Key, result: DynamicsResult | Failure) -> None:
+        results[key] = result
+        done(*key, result)
+
     try:
         with tempfile.TemporaryDirectory(prefix="crosscheck-") as folder:
-            logs = {name: str(Path(folder) / name) for name in names}
-            with _interrupts_ignored():
-                futures: dict[Any, str] = {
-                    pool.schedule(_work, args=(name, scene, models, trajectory, logs[name]), timeout=limit): name
-                    for name, pool in pools.items()
-                }
-            for future in as_completed(futures):
-                name = futures[future]
-                results[name] = _outcome(future, logs[name], limit)
-                done(name, results[name])
+
+            def log(key: Key) -> str:
+                return str(Path(folder) / "-".join(key))
+
+            def start(key: Key, motion: Trajectory, F: np.ndarray | None) -> None:
+                args = (key[0], scene, models, motion, F, log(key))
+                try:
+                    with _interrupts_ignored():
+                        running[pools[key[0]].schedule(_work, args=args, timeout=limit)] = key
+                except RuntimeError as e:  # no process could be started before, and none will
+                    end(key, Failure(f"{type(e).__name__}: {e}"))
+
+            def start_forward(truth: DynamicsResult | Failure) -> None:
+                for name, engine in engines.items():
+                    if not is_forward(engine):
+                        continue
+                    key = (name, engine.forward_route)
+                    if isinstance(truth, DynamicsResult):
+                        start(key, trajectory.at(truth.samples).without_accelerations(), truth.F)
+                    else:
+                        end(key, Failure("no certified driving forces"))
+
+            for name, engine in engines.items():
+                start((name, engine.route), trajectory, None)
+            if REFERENCE not in engines:
+                start_forward(Failure(""))
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    key = running.pop(future)
+                    result = _outcome(future, log(key), limit)
+                    if isinstance(result, DynamicsResult) and key[1] != engines[key[0]].route:
+                        truth = results[REFERENCE, engines[REFERENCE].route]
+                        assert isinstance(truth, DynamicsResult)
+                        result = replace(result, samples=truth.samples)
+                    end(key, result)
+                    if key[0] == REFERENCE:
+                        start_forward(result)
     finally:
         for pool in pools.values():
             pool.stop()  # also what still runs after an interrupt
             pool.join()
-    return {name: results[name] for name in names}
+    return results

@@ -25,10 +25,12 @@ from .engine import (
     DynamicsResult,
     Engine,
     Failure,
+    Key,
     UnknownEngine,
     engine_names,
     engine_version,
     load_engine,
+    routes,
 )
 from .processes import run_engines
 from .samples import samples
@@ -41,12 +43,12 @@ AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
 
 @dataclass(frozen=True)
 class Report:
-    """What a run found: the agreement table, the engines' results, and what goes into run.json."""
+    """What a run found: the agreement table, results by engine and route, and what goes into run.json."""
 
     scene: Scene
     trajectory: Trajectory
     agreement: pd.DataFrame
-    results: dict[str, DynamicsResult | Failure]
+    results: dict[Key, DynamicsResult | Failure]
     info: dict
 
     @property
@@ -101,7 +103,7 @@ def run(
     scene: Scene,
     trajectory: Trajectory,
     engines: Sequence[str] = (),
-    done: Callable[[str, DynamicsResult | Failure], None] = lambda name, result: None,
+    done: Callable[[str, str, DynamicsResult | Failure], None] = lambda name, route, result: None,
 ) -> Report:
     """Compare engines with the certified truth.
 
@@ -110,7 +112,7 @@ def run(
     scene, trajectory
         From `load_scene`, and `from_scene` or `from_file`.
     engines : names; none means all. The reference always runs.
-    done : called with name and result as each engine ends.
+    done : called with name, route and result as each engine ends, on each of its routes.
 
     Raises
     ------
@@ -121,12 +123,19 @@ def run(
     require_determinate(scene)
     started, start = datetime.now(UTC), perf_counter()
     run_id = new_run_id(scene.name, started)
-    able = [name for name, engine in chosen.items() if not isinstance(engine, Failure)]
+    able: dict[str, type[Engine]] = {}
     for name, engine in chosen.items():
         if isinstance(engine, Failure):
-            done(name, engine)
+            done(name, "", engine)
+        else:
+            able[name] = engine
     found = run_engines(able, scene, write_models(scene), trajectory, done)
-    results = {name: engine if isinstance(engine, Failure) else found[name] for name, engine in chosen.items()}
+    results: dict[Key, DynamicsResult | Failure] = {}
+    for name, engine in chosen.items():
+        if isinstance(engine, Failure):
+            results[name, ""] = engine
+        else:
+            results |= {(name, route): found[name, route] for route in routes(engine)}
     table = compare.agreement(run_id, scene, trajectory, chosen, results)
     wider = of_forces(trajectory.condition, trajectory.sin_q_n)
     info = {
@@ -151,9 +160,11 @@ def run(
             "max_acceleration": float(np.linalg.norm(trajectory.acceleration, axis=1).max()),
             "max_angular_acceleration": float(np.linalg.norm(trajectory.angular_acceleration, axis=1).max()),
         },
-        "truth": _truth(results[REFERENCE], len(trajectory.t)),
-        "models": {name: asdict(r.model) for name, r in results.items() if isinstance(r, DynamicsResult) and r.model},
-        "failed": {name: r.reason for name, r in results.items() if isinstance(r, Failure)},
+        "truth": _truth(compare.truth_of(results), len(trajectory.t)),
+        "models": {n: asdict(r.model) for (n, _), r in results.items() if isinstance(r, DynamicsResult) and r.model},
+        "failed": [
+            {"engine": n, "route": m, "reason": r.reason} for (n, m), r in results.items() if isinstance(r, Failure)
+        ],
     }
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from ..models.scene import Scene
-from .compare import certified
-from .engine import HULL, DynamicsResult, Failure, quantity
+from .compare import certified, forward_quantities, values
+from .engine import HULL, DynamicsResult, Failure, Key
 from .trajectory import Trajectory
 
 SAMPLE_COLUMNS = ("engine", "route", "t", "leg", "quantity", "component", "value", "radius")
@@ -25,14 +26,14 @@ def components(scene: Scene, name: str) -> str:
     """Components that a vector quantity has: in the plane x_r y_r forces lie in it, and moments are along z_r."""
     if scene.topology == "spatial":
         return "xyz"
-    return "xy" if name.startswith("F") else "z"
+    return "xy" if name.startswith("F") or name == "a" else "z"
 
 
 def samples(
-    scene: Scene, trajectory: Trajectory, results: Mapping[str, DynamicsResult | Failure]
+    scene: Scene, trajectory: Trajectory, results: Mapping[Key, DynamicsResult | Failure]
 ) -> Iterator[pd.DataFrame]:
-    """Every number of every engine in long form, one row per component, in blocks; the hull is leg 0."""
-    for name, result in results.items():
+    """Every number of every engine in long form, one row per component, in blocks; hull and platform are leg 0."""
+    for (name, _), result in results.items():
         if isinstance(result, Failure):
             continue
         for start in range(0, len(result.samples), BLOCK):
@@ -41,13 +42,16 @@ def samples(
 
 
 def _samples(scene: Scene, name: str, result: DynamicsResult, t: np.ndarray, block: slice) -> pd.DataFrame:
+    platform = None if result.platform is None else result.platform[block]
+    part = replace(result, F=result.F[block], reactions=result.reactions[block], platform=platform)
+
     def vectors(quantities: Sequence[str]) -> list[_Column]:
         columns: list[_Column] = []
         for q in quantities:
             if result.radius:
                 x, r = (v[block] for v in certified(scene, result, q))
             else:
-                x = quantity(scene, q, result.F[block], result.reactions[block])
+                x = values(scene, part, q)
                 r = np.full_like(x, np.nan)
             axes = components(scene, q) if x.shape[2] == 3 else "-"
             for axis in axes:
@@ -55,9 +59,13 @@ def _samples(scene: Scene, name: str, result: DynamicsResult, t: np.ndarray, blo
                 columns.append((q, axis, x[..., k], r[..., k]))
         return columns
 
-    scalars = (("L", result.L[block]), ("dL", result.dL[block]), ("power", result.F[block] * result.dL[block]))
-    of_legs = [*vectors(scene.quantities), *((q, "-", x, _radius_beside(q, result, block, x)) for q, x in scalars)]
-    parts = [_long(t, scene.legs, of_legs), _long(t, (0,), vectors(HULL))]
+    if platform is not None:  # the driving forces were handed in
+        of_legs, of_none = vectors(scene.quantities[1:]), vectors((*HULL, *forward_quantities(scene)))
+    else:
+        scalars = (("L", result.L[block]), ("dL", result.dL[block]), ("power", result.F[block] * result.dL[block]))
+        of_legs = [*vectors(scene.quantities), *((q, "-", x, _radius_beside(q, result, block, x)) for q, x in scalars)]
+        of_none = vectors(HULL)
+    parts = [_long(t, scene.legs, of_legs), _long(t, (0,), of_none)]
     return pd.concat(parts, ignore_index=True).assign(engine=name, route=result.route)[[*SAMPLE_COLUMNS]]
 
 

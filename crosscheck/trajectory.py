@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -62,6 +63,20 @@ class Trajectory:
     def unit_quaternion(self) -> np.ndarray:
         """Quaternion of length 1, shape (nt, 4)."""
         return self.quaternion / np.linalg.norm(self.quaternion, axis=1, keepdims=True)
+
+    def at(self, samples: np.ndarray) -> Trajectory:
+        """Some of its samples."""
+
+        def part(x: Any) -> Any:
+            return {name: column[samples] for name, column in x.items()} if isinstance(x, dict) else x[samples]
+
+        return replace(self, **{f.name: part(getattr(self, f.name)) for f in fields(self) if f.name != "source"})
+
+    def without_accelerations(self) -> Trajectory:
+        """The same poses and velocities; what forward dynamics has to find is NaN."""
+        unknown = np.full_like(self.acceleration, np.nan)
+        a = {name: np.full_like(x, np.nan) for name, x in self.a.items()}
+        return replace(self, acceleration=unknown, angular_acceleration=unknown, a=a)
 
     def in_body(self, v_W: np.ndarray) -> np.ndarray:
         """Vectors (nt, 3) in the platform's axes."""

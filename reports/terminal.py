@@ -10,28 +10,35 @@ from rich.table import Table
 _STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported": "dim"}
 
 
+_FORWARD = "a"
+"""A quantity of the routes that are handed the driving forces, and of no other."""
+
+
 def _cell(row: pd.Series) -> str:
     text = f"{row['max_rel']:.1e}" if row["verdict"] in ("pass", "fail") else row["verdict"]
+    if row["tolerance_name"].startswith("law_of_") and row["verdict"] == "pass":
+        text += f" ≤ {row['tolerance']:.0e}"
     if row["verdict"] == "fail":
         text += " FAIL"
     return f"[{_STYLE[row['verdict']]}]{text}[/]"
 
 
 def _table(agreement: pd.DataFrame, engines: pd.DataFrame) -> Table:
-    """Quantities down, some of the engines across."""
+    """Quantities down, some of the engines and routes across."""
     table = Table()
     table.add_column("quantity", no_wrap=True)
     table.add_column("scale", justify="right", no_wrap=True)
+    shown = agreement.merge(engines[["engine", "route"]])
     for _, e in engines.iterrows():
         name = e["engine"] + (f" {e['engine_version']}" if e["engine_version"] else "")
         table.add_column(f"{name}\n[dim]{e['route'] or '-'}[/]", justify="right", no_wrap=True)
-    for quantity, rows in agreement.groupby("quantity", sort=False):
-        by_engine = rows.set_index("engine")
+    for quantity, rows in shown.groupby("quantity", sort=False):
+        cells = {(row["engine"], row["route"]): _cell(row) for _, row in rows.iterrows()}
         scale = rows["scale"].dropna()
         table.add_row(
             str(quantity),
             f"{scale.iloc[0]:.4g} {rows['unit'].iloc[0]}" if len(scale) else "-",
-            *(_cell(by_engine.loc[name]) if name in by_engine.index else "" for name in engines["engine"]),
+            *(cells.get((e["engine"], e["route"]), "") for _, e in engines.iterrows()),
         )
     return table
 
@@ -53,18 +60,28 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
 
     `agreement` has the published columns and `where`, `reason`. The certified column gives proven radii.
     """
-    console.print("largest error over scale (certified: proven radius over scale)", highlight=False, style="italic")
-    _print_tables(agreement, agreement.drop_duplicates("engine"), console)
+    routes = agreement.drop_duplicates(["engine", "route"])[["engine", "route", "engine_version"]]
+    handed = agreement[agreement["quantity"] == _FORWARD].set_index(["engine", "route"]).index
+    routes["forward"] = pd.MultiIndex.from_frame(routes[["engine", "route"]]).isin(handed)
+    for title, which in (
+        ("largest error over scale (certified: proven radius over scale)", ~routes["forward"]),
+        ("engines' own solvers under certified driving forces: largest error ≤ allowed, over scale", routes["forward"]),
+    ):
+        if which.any():
+            console.print(title, highlight=False, style="italic")
+            _print_tables(agreement, routes[which], console)
     for _, row in agreement[agreement["verdict"] == "fail"].iterrows():
         console.print(
-            f"[bold red]FAIL[/] {row['engine']} {row['quantity']}:"
+            f"[bold red]FAIL[/] {row['engine']} {row['route']} {row['quantity']}:"
             f" {row['max_rel']:.2e} of {row['scale']:.4g} {row['unit']}, allowed {row['tolerance']:.1e} there"
             f" ({row['tolerance_name']}); worst at {row['where']}",
             highlight=False,
             soft_wrap=True,
         )
-    for name, rows in agreement[agreement["verdict"] == "error"].groupby("engine", sort=False):
-        console.print(f"[yellow]ERROR[/] {name}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
+    for verdict, style in (("error", "yellow"), ("unsupported", "dim")):
+        for name, rows in agreement[agreement["verdict"] == verdict].groupby(["engine", "route"], sort=False):
+            what = f"{verdict.upper()}[/] {' '.join(name).strip()}"
+            console.print(f"[{style}]{what}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
     counts = agreement["verdict"].value_counts().to_dict()
     summary = ", ".join(f"{counts[v]} {v}" for v in _STYLE if v in counts)
     ok = set(counts) <= {"pass", "unsupported"}

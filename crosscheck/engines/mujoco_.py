@@ -1,10 +1,11 @@
-"""MuJoCo from the MJCF: assembler of M, h and J, then its own recursive Newton-Euler for the reactions.
+"""MuJoCo from the MJCF: assembler of M, h and J, then its own recursive Newton-Euler; and its own soft loops.
 
-MuJoCo's own loops are soft and its inverse dynamics does not see hard ones; what it assembles is exact to rounding.
+Its inverse dynamics does not see hard loops; what it assembles is exact to rounding.  ``mj_forward`` softens them.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -14,12 +15,19 @@ from ...models import write_models
 from ...models.mjcf import FLOOR
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError, ModelFacts
-from ..kkt import KktEngine, State, Terms
+from ..engine import EngineError, Law, ModelFacts
+from ..kkt import State, Terms
+from ..native import Answer, SolverEngine, in_plane
 from ..trajectory import Trajectory
 
+IMPEDANCE = 0.9999
+"""Both ends of solimp: the hardest loops that MuJoCo does not clamp (mjMAXIMP)."""
 
-class MujocoEngine(KktEngine):
+TOLERANCE = 1e-15
+"""Of the Newton solver: its one step is exact here, as no loop can open or slip; 0 would repeat it a hundred times."""
+
+
+class MujocoEngine(SolverEngine):
     """qfrc and efc_J from ``mj_inverse``, reactions from ``mj_rnePostConstraint``; loops: `connect` between sites."""
 
     name: ClassVar[str] = "mujoco"
@@ -36,6 +44,7 @@ class MujocoEngine(KktEngine):
         self.require_nv(self.model.nv)
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
         self.platform = self.model.body("platform").id
+        self.impedance = IMPEDANCE
 
     def facts(self) -> ModelFacts:
         """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
@@ -78,7 +87,7 @@ class MujocoEngine(KktEngine):
         velocity, acceleration = np.empty(6), np.empty((2, 6))
         for k in range(nt):
             self._evaluate(state, k)
-            out.tau[k] = d.qfrc_inverse + d.qfrc_constraint - self._load()
+            out.tau[k] = d.qfrc_inverse + d.qfrc_constraint - self._load(d)
             out.J[k] = d.efc_J.reshape(-1, 3, m.nv)[:, scene.loop_axes].reshape(scene.nc, m.nv)
             out.gap[k] = d.site_xpos[self.tips] - d.site_xpos[self.pins]
             axis = d.site_xpos[self.tips] - d.xanchor[anchors]
@@ -107,22 +116,74 @@ class MujocoEngine(KktEngine):
             self.mj.mj_rnePostConstraint(m, d)
             cfrc[k], center[k] = d.cfrc_int[bodies], d.subtree_com[m.body_rootid[bodies]]
             point[k] = np.where(at_com, d.xipos[bodies], d.xanchor[hinges])
+        self._require_quiet(d)
+        return wrench.from_mujoco(cfrc, center, point)
+
+    @property
+    def forward_setting(self) -> str:
+        """On a copy of the model: the MJCF has MuJoCo's defaults."""
+        return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
+
+    @property
+    def law(self) -> Law:
+        """Rows are soft; what is solved has their stiffness in it."""
+        why = (
+            "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
+            " accelerate by -R lambda; the error was measured at 1.000 times this law from d = 0.9 to 0.9999; the"
+            " solver factors M + J^T R^-1 J"
+        )
+        return Law("softness", why, condition=1.0 / (1.0 - self.impedance))
+
+    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+        """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
+        mj, m, scene = self.mj, copy.copy(self.model), self.scene
+        m.eq_solimp[:, :2] = self.impedance
+        m.opt.tolerance = TOLERANCE
+        d = mj.MjData(m)
+        motors = [m.actuator(f"F{i}").id for i in scene.legs]
+        nt, axes = len(F), list(scene.loop_axes)
+        a, M, R = np.empty((nt, m.nv)), np.empty((nt, m.nv, m.nv)), np.empty((nt, scene.N, 3))
+        loop_forces = np.empty((nt, scene.N, 3))
+        for k in range(nt):
+            d.qpos, d.qvel, d.ctrl[motors] = state.q[k], state.v[k], F[k]
+            mj.mj_fwdPosition(m, d)
+            d.qfrc_applied = self._load(d)
+            mj.mj_forward(m, d)
+            self._require_rows(d)
+            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
+            mj.mj_fullM(m, d, M[k])
+        self._require_quiet(d)
+        return Answer(a, loop_forces, M, np.zeros_like(a), -(R * loop_forces)[..., axes].reshape(nt, scene.nc))
+
+    def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
+        """A free joint accelerates in world axes and turns in body axes."""
+        if self.scene.freedom != "spatial":
+            return in_plane(a[:, [self.velocity_index(name) for name in self.scene.platform_coordinates]])
+        j = self.velocity_index("platform")
+        return np.hstack([a[:, j : j + 3], np.einsum("tij,tj->ti", trajectory.rotation, a[:, j + 3 : j + 6])])
+
+    def _evaluate(self, state: State, k: int) -> None:
+        """Everything that MuJoCo derives from one state."""
+        d = self.data
+        d.qpos, d.qvel, d.qacc = state.q[k], state.v[k], state.a[k]
+        self.mj.mj_inverse(self.model, d)
+        self._require_rows(d)
+
+    def _require_quiet(self, d: Any) -> None:
+        """Raise EngineError if MuJoCo has warned: it goes on, with a state or controls of its own choice."""
         warned = {self.mj.mjtWarning(i).name: w.number for i, w in enumerate(d.warning) if w.number}
         if warned:
             raise EngineError(f"{self.name}: warnings {warned}")
-        return wrench.from_mujoco(cfrc, center, point)
 
-    def _evaluate(self, state: State, k: int) -> None:
-        """Everything that MuJoCo derives from one state; the rows must be the loops' three each and nothing else."""
-        mj, m, d, nc = self.mj, self.model, self.data, 3 * self.scene.N
-        d.qpos, d.qvel, d.qacc = state.q[k], state.v[k], state.a[k]
-        mj.mj_inverse(m, d)
+    def _require_rows(self, d: Any) -> None:
+        """Raise EngineError unless the constraint rows are the loops' three each and nothing else."""
+        mj, nc = self.mj, 3 * self.scene.N
         if d.nefc != nc or (d.efc_type != mj.mjtConstraint.mjCNSTR_EQUALITY).any():
             raise EngineError(f"{self.name}: the model gives {d.nefc} constraint rows, expected {nc} of its equalities")
 
-    def _load(self) -> np.ndarray:
-        """Generalized force (nv,) of the scene's load at the current state."""
-        m, d, load = self.model, self.data, self.scene.load
+    def _load(self, d: Any) -> np.ndarray:
+        """Generalized force (nv,) of the scene's load at the current positions."""
+        m, load = self.model, self.scene.load
         applied = np.zeros(m.nv)
         if load:
             point = d.xpos[self.platform] + d.xmat[self.platform].reshape(3, 3) @ load.point

@@ -1,4 +1,4 @@
-"""Pinocchio from the URDF and the loop list: `rnea`, frame Jacobians, and `rnea` again with the loop forces."""
+"""Pinocchio from the URDF and the loop list: `rnea` and frame Jacobians; and its own `constraintDynamics`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ import numpy as np
 from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError, ModelFacts
-from ..kkt import KktEngine, State, Terms, tree_facts
+from ..engine import EngineError, Law, ModelFacts
+from ..kkt import State, Terms, tree_facts
+from ..native import Answer, SolverEngine, in_plane, mobility
 from ..trajectory import Trajectory
 
+MU, ITERATIONS = 1e-10, 5
+"""Proximal parameter (1/kg) and steps. mu = 0 is exact in space and NaN in a plane, whose loops have a zero row."""
 
-class PinocchioEngine(KktEngine):
+
+class PinocchioEngine(SolverEngine):
     """The tree of the URDF, closed by the points of the loop list."""
 
     name: ClassVar[str] = "pinocchio"
@@ -38,6 +42,7 @@ class PinocchioEngine(KktEngine):
         ]
         self.platform = self.model.getJointId("platform_y" if scene.freedom == "point" else "platform")
         self.data = self.model.createData()
+        self.mu, self.iterations = MU, ITERATIONS
 
     def _add_frame(self, loop: str, end: Mapping[str, Any]) -> int:
         """One end of a loop: a point of a link, with the axes of its joint."""
@@ -96,7 +101,7 @@ class PinocchioEngine(KktEngine):
 
     def terms(self, state: State) -> Terms:
         """``rnea`` under the load, frame Jacobians and classical accelerations of the loop points."""
-        pin, m, d, scene, load = self.pin, self.model, self.data, self.scene, self.scene.load
+        pin, m, d, scene = self.pin, self.model, self.data, self.scene
         out = Terms.empty(len(state.q), m.nv, scene)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         hulls = [m.getJointId(c) for c in scene.hull_coordinates]
@@ -114,11 +119,7 @@ class PinocchioEngine(KktEngine):
                 axis = tip - d.oMi[hulls[i]].translation
                 out.L[k, i] = np.linalg.norm(axis)
                 out.dL[k, i] = axis @ (J_tip @ v) / out.L[k, i]
-            outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
-            if load:
-                force, moment, point = (np.array(x) for x in (load.force, load.moment, load.point))
-                self._push(outside, self.platform, point, force, moment)
-            out.tau[k] = pin.rnea(m, d, q, v, a, outside)
+            out.tau[k] = pin.rnea(m, d, q, v, a, self._load())
         return out
 
     def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
@@ -136,6 +137,72 @@ class PinocchioEngine(KktEngine):
             for n, j in enumerate(index):
                 force[k, n], R[k, n] = d.f[j].vector, d.oMi[j].rotation
         return wrench.from_pinocchio(force, R)
+
+    @property
+    def forward_setting(self) -> str:
+        """No accuracy stops the steps before rounding does."""
+        return f"constraintDynamics, CONTACT_3D, mu {self.mu:g}, {self.iterations} iterations"
+
+    @property
+    def law(self) -> Law:
+        """Proximal steps, each of which leaves a share of the multipliers."""
+        why = (
+            "step n solves (A + mu) lambda_n = b + mu lambda_(n-1) from lambda_0 = 0 with A = J M^-1 J^T, so that"
+            " (mu (A + mu)^-1)^n lambda is left; the error was measured at 1.000 times this law from mu = 1e-4 to"
+            " 1e-12, down to rounding"
+        )
+        return Law("proximal", why)
+
+    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+        """``constraintDynamics`` under driving forces and load, both as generalized forces."""
+        pin, m, d, scene = self.pin, self.model, self.model.createData(), self.scene
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        loops, held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        for tip, pinned in ([m.frames[f] for f in ends] for ends in self.loops):
+            ends = (tip.parentJoint, tip.placement, pinned.parentJoint, pinned.placement)
+            loops.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, m, *ends, world))
+            held.append(loops[-1].createData())
+        pin.initConstraintDynamics(m, d, loops, held)
+        tau = np.zeros_like(state.v)
+        tau[:, self.actuated()] = F
+        a, M, loop_forces = np.empty_like(tau), np.empty((*tau.shape, m.nv)), np.empty((len(F), scene.N, 3))
+        for k, (q, v) in enumerate(zip(state.q, state.v, strict=True)):
+            if scene.load:
+                pin.computeJointJacobians(m, self.data, q)
+                J = pin.getJointJacobian(m, self.data, self.platform, pin.ReferenceFrame.LOCAL)
+                tau[k] += J.T @ self._load()[self.platform].vector
+            steps = pin.ProximalSettings(0.0, self.mu, self.iterations)
+            a[k] = pin.constraintDynamics(m, d, q, v, tau[k], loops, held, steps)
+            loop_forces[k] = [loop.contact_force.linear for loop in held]
+            upper = np.triu(pin.crba(m, self.data, q))
+            M[k] = upper + np.triu(upper, 1).T
+        A = mobility(M, terms.J)
+        shrink = np.linalg.solve(A + self.mu * np.eye(scene.nc), self.mu * np.eye(scene.nc))
+        left = loop_forces[..., list(scene.loop_axes)].reshape(len(F), scene.nc, 1)
+        for _ in range(self.iterations):
+            left = shrink @ left
+        return Answer(a, loop_forces, M, np.zeros_like(a), -(A @ left)[..., 0])
+
+    def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
+        """From spatial, in body axes, to the acceleration of the point in world axes."""
+        if self.scene.freedom == "point":
+            return in_plane(a[:, [self.velocity_index(name) for name in self.scene.platform_coordinates]])
+        j = self.velocity_index("platform")
+        linear, angular = np.zeros((2, len(a), 3))
+        if self.scene.freedom == "planar":
+            linear[:, :2], angular[:, 2] = a[:, j : j + 2], a[:, j + 2]
+        else:
+            linear, angular = a[:, j : j + 3], a[:, j + 3 : j + 6]
+        linear, angular = (np.einsum("tij,tj->ti", trajectory.rotation, x) for x in (linear, angular))
+        return np.hstack([linear + np.cross(trajectory.angular_velocity, trajectory.velocity), angular])
+
+    def _load(self) -> Any:
+        """Outside forces of the scene's load; the placement of the platform must be current."""
+        outside, load = self.pin.StdVec_Force(self.model.njoints, self.pin.Force.Zero()), self.scene.load
+        if load:
+            force, moment, point = (np.array(x) for x in (load.force, load.moment, load.point))
+            self._push(outside, self.platform, point, force, moment)
+        return outside
 
     def _push(self, outside: Any, joint: int, point: np.ndarray, force_W: np.ndarray, moment_W: np.ndarray) -> None:
         """Add a force at a point (joint axes) and a moment to the outside forces. Joint placements must be current."""

@@ -1,0 +1,151 @@
+"""The route `native`: an engine gets certified driving forces at a state and answers with its own loop solver.
+
+No engine solves the hard system ``M a + h = tau + J^T lambda, J a + dJ v = 0``: one softens it, one iterates, one takes
+a step in time.  What each of them solves differs from it by a known defect, and the response of the hard system to that
+defect is the law of the engine's error: a vector for every sample, not a constant.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from time import perf_counter
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from . import wrench
+from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
+from .kkt import KktEngine, State, Terms
+from .trajectory import Trajectory
+
+CLOSED = 1e-9
+"""Gap of a loop, over the leg, and its rate, over the speeds that add up in it, which is still a closed one: rounding
+is below 1e-14, and a solver would pull a loop together that is open by more."""
+
+
+class Answer(NamedTuple):
+    """What an engine's solver answers, and what it is known to leave undone.
+
+    ``a`` (nt, nv): accelerations.  ``loop_forces`` (nt, N, 3): on the rods' tips, world axes.  ``M`` (nt, nv, nv): the
+    engine's mass matrix.  ``force_defect`` (nt, nv) is M a + h - tau - J^T lambda and ``closure_defect`` (nt, nc) is
+    J a + dJ v of this answer, as far as the solver's method predicts them.
+    """
+
+    a: np.ndarray
+    loop_forces: np.ndarray
+    M: np.ndarray
+    force_defect: np.ndarray
+    closure_defect: np.ndarray
+
+
+class SolverEngine(KktEngine):
+    """An engine that assembles loops and also solves them itself; a subclass sets up its solver and states its law."""
+
+    forward_route: ClassVar[str] = "native"
+
+    @property
+    @abstractmethod
+    def forward_setting(self) -> str:
+        """The solver's name and what it was set to."""
+
+    @property
+    @abstractmethod
+    def law(self) -> Law:
+        """Name and reason of the error that the solver makes at this setting."""
+
+    @abstractmethod
+    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+        """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations.
+
+        Such terms have the bias h less the load in ``tau`` and dJ v in ``gap_acceleration``.
+        """
+
+    @abstractmethod
+    def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
+        """Acceleration and angular acceleration (nt, 6) of the platform, world axes, from accelerations (nt, nv)."""
+
+    def actuated(self) -> list[int]:
+        """Velocity index of each actuated joint, leg by leg."""
+        return [self.velocity_index(c) for j in self.scene.joints if j.actuated for c in j.coordinates]
+
+    def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
+        """Accelerations and joint reactions under driving forces (nt, N), and their law. Raises EngineError."""
+        start = perf_counter()
+        known = self.state(trajectory)
+        state = State(known.q, known.v, np.zeros_like(known.a))  # accelerations are what is asked
+        require_finite(self.name, q=state.q, v=state.v, F=F)
+        terms = self.terms(state)
+        require_closed(self.name, terms, state.v)
+        answer = self.answer(state, terms, F)
+        require_finite(self.name, a=answer.a, loop_forces=answer.loop_forces)
+        axes = list(self.scene.loop_axes)
+        da, dl = response(answer.M, terms.J, answer.force_defect, answer.closure_defect)
+        loop_error = np.zeros_like(answer.loop_forces)
+        loop_error[..., axes] = dl.reshape(len(dl), -1, len(axes))
+        reactions = self._all_reactions(state, answer.a, answer.loop_forces)
+        platform = self.platform_acceleration(trajectory, answer.a)
+        return DynamicsResult(
+            engine=self.name,
+            version=engine_version(type(self)) or "",
+            route=self.forward_route,
+            setting=self.forward_setting,
+            samples=np.arange(len(F)),
+            F=F,
+            reactions=reactions,
+            L=terms.L,
+            dL=terms.dL,
+            platform=platform,
+            law=self.law,
+            predicted={  # both are affine in what the solver answers
+                "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
+                "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,
+            },
+            seconds=perf_counter() - start,
+        )
+
+    def _all_reactions(self, state: State, a: np.ndarray, loop_forces: np.ndarray) -> np.ndarray:
+        """Reactions (nt, nj, 6) by the engine's recursion from accelerations and loop forces."""
+        cut = np.array([j.cut for j in self.scene.joints])
+        out = np.empty((len(a), len(cut), 6))
+        out[:, ~cut] = self.reactions(State(state.q, state.v, a), loop_forces)
+        out[:, cut] = wrench.of_loop(loop_forces)
+        return out
+
+
+def in_plane(a: np.ndarray) -> np.ndarray:
+    """Acceleration and angular acceleration (nt, 6) of a platform with coordinates x, y and, unless a point, a turn."""
+    out = np.zeros((len(a), 6))
+    out[:, [0, 1, 5][: a.shape[1]]] = a
+    return out
+
+
+def require_closed(engine: str, terms: Terms, v: np.ndarray) -> None:
+    """Raise EngineError unless every loop is closed, and stays so at these velocities."""
+    gap = np.linalg.norm(terms.gap, axis=2)
+    rate = np.abs(np.einsum("tij,tj->ti", terms.J, v))
+    speeds = np.einsum("tij,tj->ti", np.abs(terms.J), np.abs(v)).max(axis=1, keepdims=True)
+    for what, open_by, allowed in (("m", gap, CLOSED * terms.L), ("m/s", rate, CLOSED * speeds)):
+        wrong = np.argwhere(open_by > allowed)
+        if len(wrong):
+            sample, column = wrong[0].tolist()
+            leg = 1 + column * gap.shape[1] // open_by.shape[1]
+            raise EngineError(
+                f"{engine}: sample {sample}: the loop of leg {leg} is open by {open_by[sample, column]:.3g} {what} in"
+                " the engine's model, expected a closed one"
+            )
+
+
+def mobility(M: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """J M^-1 J^T (nt, nc, nc), 1/kg: accelerations of the loops' gaps per loop force."""
+    return J @ np.linalg.solve(M, J.transpose(0, 2, 1))
+
+
+def response(M: np.ndarray, J: np.ndarray, force: np.ndarray, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change of accelerations (nt, nv) and multipliers (nt, nc) of the hard system by defects (nt, nv), (nt, nc).
+
+    Solves ``M da = J^T dl + force`` and ``J da = closure``.
+    """
+    free = np.linalg.solve(M, force[..., None])
+    dl = np.linalg.solve(mobility(M, J), closure[..., None] - J @ free)
+    da = free + np.linalg.solve(M, J.transpose(0, 2, 1) @ dl)
+    return da[..., 0], dl[..., 0]
