@@ -17,6 +17,9 @@ Projection = Callable[[np.ndarray], np.ndarray]
 RTOL, ATOL = 1e-13, 1e-14
 """Error per step of DOP853: near its floor of 100 roundings (2e-14), so that what is left is round-off."""
 
+MOST_STEPS = 10_000
+"""Of DOP853 between two output times; a smooth motion takes some 50 in its own time scale."""
+
 
 class SimulationError(RuntimeError):
     """An integration that cannot go on: names the time and the reason."""
@@ -36,8 +39,12 @@ def require_times(t: np.ndarray) -> np.ndarray:
 
 def _adaptive(f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | None) -> Iterator[np.ndarray]:
     solver = DOP853(f, t[0], y, t[-1], rtol=RTOL, atol=ATOL)
-    due = 1
+    due, steps = 1, 0
     while due < len(t):
+        if steps == MOST_STEPS:
+            reason = f"{MOST_STEPS} steps since the last output time: too fast to follow, in a singularity or beyond"
+            raise SimulationError(float(solver.t), reason)
+        steps += 1
         message = solver.step()
         if solver.status == "failed":
             raise SimulationError(float(solver.t), f"the integrator failed: {message}")
@@ -45,7 +52,7 @@ def _adaptive(f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection |
         while due < len(t) and t[due] <= solver.t:
             at = solver.y if between is None or t[due] == solver.t else between(t[due])
             yield at if project is None else project(at)
-            due += 1
+            due, steps = due + 1, 0
         if project is not None:
             solver.y = project(solver.y)
             solver.f = solver.fun(solver.t, solver.y)  # the first stage of the next step
@@ -85,7 +92,7 @@ def integrate(
     Raises
     ------
     SimulationError
-        A derivative that is not finite or cannot be computed, or a failure of the integrator.
+        A derivative that is not finite or cannot be computed, or steps that shrink or never end.
     ValueError
         Times or dt out of range.
     """

@@ -19,6 +19,7 @@ from stewart_crosscheck.analytic import (
     SimulationError,
     State,
     cardan_from_quaternion,
+    constrained,
     energy_defect,
     quaternion_from_cardan,
     simulate,
@@ -149,7 +150,7 @@ def test_fixed_steps_are_of_order_4(hexapod: Scene) -> None:
 
 
 def test_intervals_of_n_steps_take_n_steps(hexapod: Scene) -> None:
-    t = np.linspace(0.0, 0.3, 4)  # 0.1, 0.2, 0.30000000000000004: an interval is longer than 0.1
+    t = 0.1 * np.arange(4)  # 0, 0.1, 0.2, 0.30000000000000004: one interval is longer than 0.1
     s = simulate(parameters(hexapod), start(hexapod), driving(hexapod), t, 0.1)
     assert s.nfev == 12
 
@@ -211,6 +212,55 @@ def test_projection_closes_the_loops(drifting: dict[str, Any]) -> None:
     assert s.dgap.max() < 2e-15  # m/s
 
 
+def test_baumgarte_closes_a_gap_by_its_law(hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From rest a gap g follows gap'' + 2 gain gap' + gain^2 gap = 0: (1 + gain t) exp(-gain t) g; with gain 0, g."""
+    original = constrained._joints
+
+    def open_loop(*a: Any) -> tuple[list[float], list[float]]:
+        q, dq = original(*a)
+        return [*q[:5], q[5] + 1e-6, *q[6:]], dq  # q_s of leg 2
+
+    monkeypatch.setattr(constrained, "_joints", open_loop)
+    at_rest = dataclasses.replace(start(hexapod), velocity=(0, 0, 0), angular_velocity=(0, 0, 0))
+    F, t = driving(hexapod), np.linspace(0, 0.2, 5)
+    for gain in (0.0, 20.0):
+        s = simulate_constrained(parameters(hexapod), at_rest, F, t, gain=gain)
+        law = 1e-6 * (1 + gain * t) * np.exp(-gain * t)
+        np.testing.assert_allclose(s.gap[:, 1], law, rtol=0, atol=1e-13)  # m: round-off, as for a closed loop
+        assert np.delete(s.gap, 1, axis=1).max() < 1e-13
+    closed = simulate_constrained(parameters(hexapod), at_rest, F, t, projection=True)
+    assert closed.gap[0, 1] == pytest.approx(1e-6, rel=1e-6)
+    assert closed.gap[1:].max() < 2e-15
+
+
+def test_projection_is_the_nearest_by_mass(hexapod: Scene) -> None:
+    """M d is orthogonal to every motion that keeps the loops closed: no energy of such a motion is made or lost."""
+    P = parameters(hexapod)
+    s = simulate_constrained(P, start(hexapod), driving(hexapod), np.array([0.0, 0.1]), 0.05)
+    numbers = (s.position, s.quaternion, s.q, s.velocity, s.angular_velocity, s.dq)
+    at = constrained._Coordinates(P, np.concatenate([*(np.ravel(x[1]) for x in numbers), [0.0]]))
+    d = constrained._nearest(P, at, np.random.default_rng(3).normal(size=18))
+    keeping = np.linalg.svd(np.array(stewart.loop_rows(at.legs)))[2][18:]  # six motions
+    leg_inertia = np.concatenate([stewart.joint_inertia(P.leg, k) for k in at.legs])
+    momentum = np.concatenate([np.array(stewart.platform_inertia(P, at.motion)) @ d[:6], leg_inertia * d[6:]])
+    assert np.abs(keeping @ momentum).max() < 1e-13 * np.abs(momentum).max()  # two solutions, condition below 1e2
+
+
+def test_steps_go_on_from_the_projected_state() -> None:
+    """y' = y, multiplied by 1.001 after each of n steps, is e^t 1.001^n: outputs, and what starts the next step."""
+    calls = 0
+
+    def grown(y: np.ndarray) -> np.ndarray:
+        nonlocal calls
+        calls += 1
+        return 1.001 * y
+
+    y, _ = integrate(lambda t, y: y, np.ones(1), np.array([0.0, 3.0]), project=grown)
+    steps = calls - 1  # one call for the output
+    assert steps > 10
+    assert y[-1, 0] == pytest.approx(math.exp(3.0) * 1.001**steps, rel=1e-11)  # 1e-13 per step
+
+
 def test_drift_is_of_the_order_of_the_steps(hexapod: Scene) -> None:
     """Order 4 as the integrator's; for projected loops the pose shows it."""
     F, t = driving(hexapod), np.array([0.0, 0.5])
@@ -269,6 +319,14 @@ def test_a_singular_leg_names_time_and_leg(hexapod: Scene) -> None:
     initial = State(motion.C_p, q, motion.dC_p, motion.w_p)
     with pytest.raises(SimulationError, match=r"t = 0 s: leg 3: sin q_n = .* in the form 'compliance' rounding"):
         simulate(P, initial, lambda t: [0.0] * 6, np.array([0.0, 0.1]))
+
+
+def test_steps_without_end_are_ended(hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stewart_crosscheck.analytic.integrate.MOST_STEPS", 5)
+    message = r"t = 0\.\d+ s: 5 steps since the last output time: too fast to follow"
+    with pytest.raises(SimulationError, match=message):
+        simulate(parameters(hexapod), start(hexapod), driving(hexapod), np.array([0.0, 1.0]))
+    simulate(parameters(hexapod), start(hexapod), driving(hexapod), np.linspace(0.0, 0.2, 11))  # 1 or 2 steps between
 
 
 def test_a_derivative_that_overflows_is_named() -> None:
