@@ -64,14 +64,14 @@ def test_turns_are_limited(hexapod: Scene) -> None:
     """From guesses some 40 degrees and 0.4 m away: limited turns take 6.7 steps on average, free ones 11.5."""
     rng = np.random.default_rng(1)
     motion, _ = motion_at(hexapod, 0.7)
-    L, iterations = lengths(hexapod.parameters, motion), []
+    L, iterations = lengths(parameters(hexapod), motion), []
     for _ in range(100):
         position, q = (
             np.array([0, 0.95, 0]) + 0.3 * rng.normal(size=3),
             np.array([1, 0, 0, 0]) + 0.4 * rng.normal(size=4),
         )
         try:
-            iterations.append(assemble(hexapod.parameters, L, position, q).iterations)
+            iterations.append(assemble(parameters(hexapod), L, position, q).iterations)
         except AssemblyError:
             continue
     assert len(iterations) > 85  # of 100: the others have no pose near
