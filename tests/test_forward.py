@@ -233,7 +233,7 @@ def test_steep_legs(form: str, spins: bool, s: float, bound: float, moving: bool
 def test_legs_from_joint_coordinates(seed: int) -> None:
     """Joint coordinates of a closed mechanism give the leg of its pose; accelerations are those of q'' = 0."""
     scene = random_scene(seed)
-    P, motion = scene.parameters, one_sample(from_scene(scene, 3).motion, 1)
+    P, motion = parameters(scene), one_sample(from_scene(scene, 3).motion, 1)
     for k, O in zip(stewart.held_legs(P, motion, math.sqrt)[1], P.O, strict=True):
         h = stewart.HingeRates(dq_o=k.w / k.s, ddq_o=0.0, ddq_n=0.0, e=-k.dq_n * k.w)
         leg = stewart.leg_from_joints(P.leg, k.r, (k.so, k.co, k.s, k.c), k.q_s, (h.dq_o, k.dq_n, k.dq_s))
