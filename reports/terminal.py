@@ -16,7 +16,7 @@ _FORWARD = "a"
 
 def _cell(row: pd.Series) -> str:
     text = f"{row['max_rel']:.1e}" if row["verdict"] in ("pass", "fail") else row["verdict"]
-    if row["tolerance_name"].startswith("law_of_") and row["verdict"] == "pass":
+    if str(row["tolerance_name"]).startswith("law_of_") and row["verdict"] == "pass":
         text += f" ≤ {row['tolerance']:.0e}"
     if row["verdict"] == "fail":
         text += " FAIL"
