@@ -142,14 +142,12 @@ def _errors(
         return np.linalg.norm(result.loops[name], axis=2), legs
     if name in PLATFORM:
         given = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])[truth.samples]
-        want, radius, legs = platform_quantity(name, given), None, ["platform"]
-    else:
-        want, radius = certified(scene, truth, name)
-        legs = ["hull"] if name in HULL else legs
-    if result is truth:
-        return np.linalg.norm(radius, axis=2), legs
-    got = values(scene, result, name)[np.isin(result.samples, truth.samples)]
-    return np.linalg.norm(got - want, axis=2), legs
+        error = values(scene, result, name) - platform_quantity(name, given)
+        return np.linalg.norm(error, axis=2), ["platform"]
+    want, error = certified(scene, truth, name)
+    if result is not truth:
+        error = values(scene, result, name)[np.isin(result.samples, truth.samples)] - want
+    return np.linalg.norm(error, axis=2), ["hull"] if name in HULL else legs
 
 
 def _judge(

@@ -80,7 +80,7 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
         )
     for verdict, style in (("error", "yellow"), ("unsupported", "dim")):
         for name, rows in agreement[agreement["verdict"] == verdict].groupby(["engine", "route"], sort=False):
-            what = f"{verdict.upper()}[/] {' '.join(name).strip()}"
+            what = f"{verdict.upper()}[/] {' '.join(map(str, name)).strip()}"
             console.print(f"[{style}]{what}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
     counts = agreement["verdict"].value_counts().to_dict()
     summary = ", ".join(f"{counts[v]} {v}" for v in _STYLE if v in counts)
