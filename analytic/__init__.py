@@ -1,5 +1,10 @@
-"""The closed-form formulas: `stewart` is the text, `dynamics` runs it on arrays of samples."""
+"""The closed-form formulas: `stewart` is the text, `dynamics` and `forward` run it on arrays of samples.
 
+`simulate` and `constrained` integrate in time, `assembly` finds the pose of given leg lengths.
+"""
+
+from .assembly import Assembly, AssemblyError, assemble
+from .constrained import ConstrainedSimulation, simulate_constrained
 from .dynamics import (
     Infeasible,
     InverseDynamics,
@@ -10,9 +15,18 @@ from .dynamics import (
     inverse_dynamics,
     inverse_kinematics,
 )
+from .forward import Accelerations, forward_dynamics
+from .integrate import SimulationError
+from .orientation import GimbalLock, cardan_from_quaternion, quaternion_from_cardan
+from .simulate import Simulation, State, energy_defect, simulate
 from .stewart import Leg, Load, Parameters, PlanarParameters, PlatformMotion
 
 __all__ = [
+    "Accelerations",
+    "Assembly",
+    "AssemblyError",
+    "ConstrainedSimulation",
+    "GimbalLock",
     "Infeasible",
     "InverseDynamics",
     "Leg",
@@ -22,8 +36,18 @@ __all__ = [
     "Parameters",
     "PlanarParameters",
     "PlatformMotion",
+    "Simulation",
+    "SimulationError",
     "SingularPose",
+    "State",
+    "assemble",
+    "cardan_from_quaternion",
     "driving_forces",
+    "energy_defect",
+    "forward_dynamics",
     "inverse_dynamics",
     "inverse_kinematics",
+    "quaternion_from_cardan",
+    "simulate",
+    "simulate_constrained",
 ]

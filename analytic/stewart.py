@@ -216,6 +216,11 @@ class HingeRates(NamedTuple):
     e: Scalar
 
 
+def leg_axes(so: Scalar, co: Scalar, s: Scalar, c: Scalar) -> tuple[Vector, Vector, Vector]:
+    """x_n, y_n, z_n in the world, (9), (18)."""
+    return (co * c, s, -so * c), (-co * s, c, so * s), (so, 0.0 * so, co)
+
+
 def leg_kinematics(leg: Leg, p: Vector, O: Vector, motion: PlatformMotion, sqrt: Sqrt) -> LegState:
     """Inverse kinematics of one leg, from (19) and (31).
 
@@ -232,9 +237,7 @@ def leg_kinematics(leg: Leg, p: Vector, O: Vector, motion: PlatformMotion, sqrt:
     L = sqrt(dot(l, l))
     s, c = h / L, l[1] / L
     so, co = l[2] / h, -l[0] / h
-    x_n = (co * c, s, -so * c)  # (9), (18)
-    y_n = (-co * s, c, so * s)
-    z_n = (so, 0.0 * so, co)
+    x_n, y_n, z_n = leg_axes(so, co, s, c)
 
     dq_s = dot(V, y_n)
     dq_n = -dot(V, x_n) / L
@@ -264,12 +267,17 @@ def lever_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
     return add(mul(k.L, k.y_n), sub(O, C_p))
 
 
+def loop_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
+    """Right sides of (31) [m] as printed, x_r, y_r, z_r of C_p O_r = p_i (p^x, p^y, p^z)."""
+    return (-k.co * k.s * k.L + O[0] - C_p[0], k.c * k.L + O[1] - C_p[1], k.so * k.s * k.L + O[2] - C_p[2])
+
+
 def in_world(k: LegState, x: Scalar, y: Scalar, z: Scalar) -> Vector:
     """The vector x x_n + y y_n + z z_n, by (18)."""
     return add(mul(x, k.x_n), mul(y, k.y_n), mul(z, k.z_n))
 
 
-# --- Statement 1: reaction in the spherical joint, (1)-(5) ------------------------------------------------------------
+# --- Statement 1: reaction in the spherical joint, (1)-(6) ------------------------------------------------------------
 
 
 class Loads(NamedTuple):
@@ -349,6 +357,16 @@ def joint_reaction_r(k: LegState, loads: Loads, X: Scalar) -> Vector:
     return in_world(k, -loads.M_in / k.L, -X, loads.M_io_s / k.L)
 
 
+def rod_load_printed(leg: Leg, k: LegState, h: HingeRates, g: Vector) -> Vector:
+    """The vector F_is [N] of (6), inertia and weight of the rod, world axes; its part along y_n is F_is of (2)."""
+    return mul(leg.m_s, sub(second_derivative_along(k, h, k.q_s, k.dq_s, k.ddq_s), g))
+
+
+def rod_balance_printed(leg: Leg, k: LegState, h: HingeRates, F_s: Vector, g: Vector) -> Vector:
+    """F_r [N], world axes, from the rod's own balance: (6) as printed, any gravity."""
+    return sub(rod_load_printed(leg, k, h, g), F_s)
+
+
 # --- Statement 2: driving forces, (7)-(15) ----------------------------------------------------------------------------
 
 
@@ -359,7 +377,29 @@ def platform_momentum_rate(P: Parameters, motion: PlatformMotion) -> Vector:
     return apply(motion.R, add(apply(P.I_p, dw_P), cross(w_P, apply(P.I_p, w_P))))
 
 
-def outside_wrench(P: Parameters, motion: PlatformMotion) -> tuple[Vector, Vector]:
+def platform_momentum_rate_principal(
+    moments: Vector, axes: Sequence[Vector], daxes: Sequence[Vector], pqr: Vector, dpqr: Vector
+) -> Vector:
+    """(I_p . w_p)'_t [N m], world axes, as the text under (8) has it, with principal moments A_p, B_p, C_p.
+
+    ``axes``: principal axes x_p, y_p, z_p in the world, ``daxes`` their rates; ``pqr``: w_p along them, ``dpqr`` rates.
+    """
+    return add(
+        *(add(mul(J * dp, e), mul(J * p, de)) for J, e, de, p, dp in zip(moments, axes, daxes, pqr, dpqr, strict=True))
+    )
+
+
+def platform_balance_printed(
+    P: Parameters, motion: PlatformMotion, levers: Sequence[Vector], F_r: Sequence[Vector]
+) -> tuple[Vector, Vector]:
+    """(15) as printed, left less right sides [N], [N m]: zero for the forces F_r on the rods and levers C_p O_r."""
+    return (
+        add(mul(P.m_p, sub(motion.ddC_p, P.g)), *F_r),
+        add(platform_momentum_rate(P, motion), *(cross(r, f) for r, f in zip(levers, F_r, strict=True))),
+    )
+
+
+def outside_wrench(P: Parameters | PlanarParameters, motion: PlatformMotion) -> tuple[Vector, Vector]:
     """Force [N] and moment about C_p [N m] of the load, world axes; not in the paper, added to (15)."""
     return P.load.force, add(P.load.moment, cross(apply(motion.R, P.load.point), P.load.force))
 
@@ -385,24 +425,48 @@ def platform_equations(
     return rows, [*right_7, *right_8]
 
 
+def cosines_printed(k: LegState) -> tuple[Vector, Vector]:
+    """(x^x, x^y, x^z) and (y^x, y^y, y^z), direction cosines of x_n and y_n: (9) as printed."""
+    return (k.co * k.c, k.s, -k.so * k.c), (-k.co * k.s, k.c, k.so * k.s)
+
+
+def hull_pin_printed(O: Vector, C_p: Vector) -> Vector:
+    """x, y, z [m], the hull pin seen from C_p: (10) as printed."""
+    return sub(O, C_p)
+
+
+def arms_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
+    """y_x, y_y, y_z [m], moment of a unit force along y_n about C_p: (11) as printed."""
+    x, y, z = hull_pin_printed(O, C_p)
+    _, (yx, _, yz) = cosines_printed(k)
+    return (y * yz - z * k.c, z * yx - x * yz, x * k.c - y * yx)
+
+
+def moments_printed(k: LegState, O: Vector, C_p: Vector, loads: Loads) -> Vector:
+    """Share of one leg in M_x, M_y, M_z [N m]: (12)-(14) as printed."""
+    L, so, co, s, M_in, M_io_s = k.L, k.so, k.co, k.s, loads.M_in, loads.M_io_s
+    (xx, _, xz), _ = cosines_printed(k)
+    x, y, z = hull_pin_printed(O, C_p)
+    return (
+        (M_in * (y * xz - z * s - L * so) - M_io_s * (y * co + L * xx)) / L,  # (12)
+        (M_in * (z * xx - x * xz) - M_io_s * (z * so - x * co + L * s)) / L,  # (13)
+        (M_in * (x * s - y * xx - L * co) - M_io_s * (L * xz - y * so)) / L,  # (14)
+    )
+
+
 def platform_equations_printed(
     P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], loads: Sequence[Loads]
 ) -> tuple[list[list[Scalar]], list[Scalar]]:
     """The scalar 6 x 6 system: x_r, y_r, z_r of (7) and (8) with the coefficients (9)-(14) as printed."""
     rows: list[list[Scalar]] = [[] for _ in range(6)]
     right = [*mul(P.m_p, sub(motion.ddC_p, P.g)), *platform_momentum_rate(P, motion)]
-    for k, O, (_, M_in, M_io_s) in zip(legs, P.O, loads, strict=True):
-        L, so, co, s, c = k.L, k.so, k.co, k.s, k.c
-        xx, xz, yx, yz = co * c, -so * c, -co * s, so * s  # (9)
-        x, y, z = sub(O, motion.C_p)  # (10)
-        y_x, y_y, y_z = y * yz - z * c, z * yx - x * yz, x * c - y * yx  # (11)
-        M_x = (M_in * (y * xz - z * s - L * so) - M_io_s * (y * co + L * xx)) / L  # (12)
-        M_y = (M_in * (z * xx - x * xz) - M_io_s * (z * so - x * co + L * s)) / L  # (13)
-        M_z = (M_in * (x * s - y * xx - L * co) - M_io_s * (L * xz - y * so)) / L  # (14)
-        f = mul(1.0 / L, sub(mul(M_in, k.x_n), mul(M_io_s, k.z_n)))
-        for row, value in zip(rows, (yx, c, yz, y_x, y_y, y_z), strict=True):
+    for k, O, load in zip(legs, P.O, loads, strict=True):
+        _, y_n = cosines_printed(k)
+        f = mul(1.0 / k.L, sub(mul(load.M_in, k.x_n), mul(load.M_io_s, k.z_n)))
+        for row, value in zip(rows, (*y_n, *arms_printed(k, O, motion.C_p)), strict=True):
             row.append(value)
-        right = [b - d for b, d in zip(right, (*f, M_x, M_y, M_z), strict=True)]
+        M = moments_printed(k, O, motion.C_p, load)
+        right = [b - d for b, d in zip(right, (*f, *M), strict=True)]
     force, moment = outside_wrench(P, motion)
     return rows, [b - d for b, d in zip(right, (*force, *moment), strict=True)]
 
@@ -500,11 +564,16 @@ def joint_forces_printed(leg: Leg, k: LegState, h: HingeRates, loads: Loads, F: 
     return Forces(F_r, F_s, F_n, F_o)
 
 
+def y_x_F_r_printed(k: LegState, loads: Loads) -> Vector:
+    """y_n x F_r [N], world axes: (30) as printed."""
+    return in_world(k, loads.M_io_s / k.L, 0.0 * k.L, loads.M_in / k.L)
+
+
 def joint_moments_printed(leg: Leg, k: LegState, h: HingeRates, loads: Loads, g: Vector) -> Moments:
     """(27)-(29) as printed; G z_n of (28) is -m_q y_n x g, which serves any gravity."""
     _, _, m_q = inertia(leg, k.q_s)
     zero = 0.0 * k.L
-    y_x_F_r = in_world(k, loads.M_io_s / k.L, zero, loads.M_in / k.L)  # (30)
+    y_x_F_r = y_x_F_r_printed(k, loads)  # (30)
     M_s = sub(moment_rate(k, h, leg.J_sx, zero, leg.J_sz), mul(leg.a, y_x_F_r))  # (27)
     M_n = sub(sub(momentum_rate_of_leg(leg, k, h), mul(k.L, y_x_F_r)), mul(m_q, cross(k.y_n, g)))  # (28)
     M_o = add((zero, leg.J_oz * h.ddq_o, zero), M_n)  # (29)
@@ -876,3 +945,279 @@ def planar_energy(P: PlanarParameters, motion: PlatformMotion, legs: Sequence[Pl
         T = T + 0.5 * (J_q * k.dq_n * k.dq_n + P.leg.m_s * k.dq_s * k.dq_s)
         V = V - m_q * (P.g[1] * k.c - P.g[0] * k.s)
     return T, V
+
+
+# --- The second problem of dynamics -----------------------------------------------------------------------------------
+#
+# Driving forces, pose and twist are given; ddC_p, dw_p are wanted, for any number N >= 1 of legs.  Three forms of the
+# same equations (7), (8), (31).  All are linear in the accelerations, so that the terms free of them come from the
+# formulas above with the accelerations put to zero.
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+class SecondProblem(NamedTuple):
+    """Accelerations of the platform, world axes [m/s^2, rad/s^2].
+
+    ``unknowns``: all that the form solved for; ``legs``: at zero accelerations.
+    """
+
+    ddC_p: Vector
+    dw_p: Vector
+    unknowns: Sequence[Scalar]
+    legs: Sequence[Any]  # LegState, or PlanarLegState
+
+
+Equations: TypeAlias = Callable[[Any, PlatformMotion, Any, Sequence[Scalar]], tuple[list[list[Scalar]], list[Scalar]]]
+"""``equations(P, motion, legs, F)``: rows and right side, spatial or planar."""
+
+
+def held_legs(P: Parameters, motion: PlatformMotion, sqrt: Sqrt) -> tuple[PlatformMotion, list[LegState]]:
+    """The motion and its legs with ddC_p = dw_p = 0; accelerations in ``motion`` are not read."""
+    held = motion._replace(ddC_p=ZERO, dw_p=ZERO)
+    return held, [leg_kinematics(P.leg, p, O, held, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+
+
+def screw(k: LegState, n: Vector) -> tuple[Scalar, ...]:
+    """(n, r x n): a unit force along n at the pin, about C_p; and n . (dC_p + w_p x r) as a row in (dC_p, w_p)."""
+    return (*n, *cross(k.r, n))
+
+
+def platform_inertia(P: Parameters, motion: PlatformMotion) -> list[list[Scalar]]:
+    """diag(m_p E, R I_p R^T), 6 x 6 [kg, kg m^2], world axes."""
+    I_W = [apply(motion.R, apply(P.I_p, row)) for row in motion.R]  # symmetric: its rows are its columns
+    m_p = P.m_p
+    return [
+        [m_p, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, m_p, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, m_p, 0.0, 0.0, 0.0],
+        *([0.0, 0.0, 0.0, *row] for row in I_W),
+    ]
+
+
+def platform_forces(P: Parameters, motion: PlatformMotion) -> list[Scalar]:
+    """Gravity, load and -w_p x (I_p w_p) on the platform at zero accelerations: six numbers [N, N m], about C_p."""
+    force, moment = outside_wrench(P, motion)
+    return [*add(mul(P.m_p, P.g), force), *sub(moment, platform_momentum_rate(P, motion))]
+
+
+def tip_inertia(leg: Leg, k: LegState) -> Vector:
+    """What resists the tip along x_n, y_n [kg] and what yields along z_n [1/kg], from (1)-(5).
+
+    F_r = (J_q/L^2) (A . x_n) x_n + m_s (A . y_n) y_n + (A . z_n)/compliance z_n + terms without A.  The third number is
+    the inverse, L^2 s^2/(J_q s^2 + J_oz + J_y c^2): a vertical leg with base or spin inertia does not yield at all.
+    """
+    J_q, J_y, _ = inertia(leg, k.q_s)
+    LL = k.L * k.L
+    if not leg.spins:
+        return J_q / LL, leg.m_s, LL / J_q
+    ss = k.s * k.s
+    return J_q / LL, leg.m_s, LL * ss / (J_q * ss + leg.J_oz + J_y * k.c * k.c)
+
+
+class Bordered(NamedTuple):
+    """Rows (6 x 6) and right side (6) of the platform with what the legs add along x_n and y_n; the rest per leg.
+
+    ``z``: screw of z_n; ``compliance`` [1/kg] along it; ``f``: z_n . F_r [N] at zero accelerations.
+    """
+
+    rows: list[list[Scalar]]
+    right: list[Scalar]
+    z: list[tuple[Scalar, ...]]
+    compliance: list[Scalar]
+    f: list[Scalar]
+
+
+def plus_dyad(rows: list[list[Scalar]], k: Scalar, d: Sequence[Scalar]) -> list[list[Scalar]]:
+    """Matrix + k d d^T."""
+    return [[a + k * d_i * d_j for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
+
+
+def bordered(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Bordered:
+    """(15) with (1): what the two forms without joint coordinates share. ``motion``, ``legs``: zero accelerations."""
+    rows, right = platform_inertia(P, motion), platform_forces(P, motion)
+    z, compliance, f = [], [], []
+    for k, F_i in zip(legs, F, strict=True):
+        load = leg_loads(P.leg, k, P.g)
+        lam_x, lam_y, yields = tip_inertia(P.leg, k)
+        rows = plus_dyad(plus_dyad(rows, lam_x, screw(k, k.x_n)), lam_y, screw(k, k.y_n))
+        F_r = joint_reaction_r(k, load._replace(M_io_s=0.0), F_i - load.F_is)  # (1) without its part along z_n
+        right = [b - d for b, d in zip(right, (*F_r, *cross(k.r, F_r)), strict=True)]
+        z.append(screw(k, k.z_n))
+        compliance.append(yields)
+        f.append(load.M_io_s / k.L)
+    return Bordered(rows, right, z, compliance, f)
+
+
+def reduced_equations(
+    P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """Six equations in (ddC_p, dw_p), symmetric positive definite: (15) with (1) and the tips' accelerations in it.
+
+    Regular in parallel singularities of (7), (8).  A steep leg with base or spin inertia is stiff as 1/s^2.
+    """
+    rows, right, z, compliance, f = bordered(P, motion, legs, F)
+    for d, C, f_i in zip(z, compliance, f, strict=True):
+        rows = plus_dyad(rows, 1.0 / C, d)
+        right = [b - f_i * x for b, x in zip(right, d, strict=True)]
+    return rows, right
+
+
+def compliance_equations(
+    P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """6 + N equations in (ddC_p, dw_p, f_1 .. f_N), f = z_n . F_r [N]: regular for vertical legs too.
+
+    The row of a leg is z_n . (ddC_p + dw_p x r) = compliance (f - f at zero accelerations).  At s = 0 with base or
+    spin inertia the compliance is 0, and the row holds the tip on the base's x_n y_n plane; 1/s is left in q_o' alone,
+    which at rest is 0.  Without that inertia nothing is divided by s.
+    """
+    rows, right, z, compliance, f = bordered(P, motion, legs, F)
+    N = len(z)
+    rows = [[*row, *(d[j] for d in z)] for j, row in enumerate(rows)]
+    for i, (d, C) in enumerate(zip(z, compliance, strict=True)):
+        rows.append([*d, *(-C if j == i else 0.0 for j in range(N))])
+        right.append(-C * f[i])
+    return rows, right
+
+
+def joint_inertia(leg: Leg, k: LegState) -> Vector:
+    """Inertia of a leg in q_o [kg m^2], q_n [kg m^2], q_s [kg]: the factors of q'' in (22), (21), (20)."""
+    J_q, J_y, _ = inertia(leg, k.q_s)
+    return leg.J_oz + J_q * k.s * k.s + J_y * k.c * k.c, J_q, leg.m_s
+
+
+def loop_columns(k: LegState) -> tuple[Vector, Vector, Vector]:
+    """Derivatives of L y_n by q_o, q_n [m/rad] and q_s [1]: the legs' part of (31) differentiated."""
+    return mul(k.L * k.s, k.z_n), mul(-k.L, k.x_n), k.y_n
+
+
+def loop_rows(legs: Sequence[LegState]) -> list[list[Scalar]]:
+    """(31) differentiated, dC_p + w_p x r - (L y_n)': 3N rows in (dC_p, w_p; q_o', q_n', q_s' of each leg)."""
+    rows = []
+    for i, k in enumerate(legs):
+        columns = loop_columns(k)
+        for j, e in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
+            row = [*screw(k, e), *(0.0 for _ in range(3 * len(legs)))]
+            row[6 + 3 * i : 9 + 3 * i] = [-column[j] for column in columns]
+            rows.append(row)
+    return rows
+
+
+def loop_gap(k: LegState, O: Vector, motion: PlatformMotion) -> tuple[Vector, Vector]:
+    """C_p + r - O - L y_n [m], the gap of (31), and its rate [m/s], of a leg known by its joint coordinates."""
+    gap = sub(add(sub(motion.C_p, O), k.r), mul(k.L, k.y_n))
+    dL_y_n = in_world(k, -k.L * k.dq_n, k.dq_s, k.L * k.w)
+    return gap, sub(add(motion.dC_p, cross(motion.w_p, k.r)), dL_y_n)
+
+
+def paper_equations(
+    P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]
+) -> tuple[list[list[Scalar]], list[Scalar]]:
+    """3N + 6 equations in (ddC_p, dw_p; q_o'', q_n'', q_s'' of each leg): (7), (8) and (31) differentiated twice.
+
+    Rows of ``loop_rows`` follow the six of (7), (8); the loads are (2)-(4) as printed.  Of ``motion`` and ``legs``
+    accelerations are not read.  Divided by s: q_o'' is an unknown.
+    """
+    rows, right = platform_inertia(P, motion), platform_forces(P, motion._replace(ddC_p=ZERO, dw_p=ZERO))
+    right_31: list[Scalar] = []
+    for k, F_i in zip(legs, F, strict=True):
+        h = HingeRates(dq_o=k.w / k.s, ddq_o=0.0, ddq_n=0.0, e=0.0)
+        k_0 = k._replace(ddq_s=0.0)
+        load = leg_loads_printed(P.leg, k_0, h, P.g)
+        F_r = joint_reaction_r(k, load, F_i - load.F_is)
+        right = [b - d for b, d in zip(right, (*F_r, *cross(k.r, F_r)), strict=True)]
+        J_o, J_n, m_s = joint_inertia(P.leg, k)
+        # F_r is -(M_in/L) x_n + (F_is - F) y_n + (M_io/(s L)) z_n, (1)
+        for factor, n in ((J_o / (k.s * k.L), k.z_n), (-J_n / k.L, k.x_n), (m_s, k.y_n)):
+            for row, d in zip(rows, screw(k, n), strict=True):
+                row.append(factor * d)
+        ddL_y_n = second_derivative_along(k_0, h, k.L, k.dq_s, 0.0)
+        right_31 += sub(ddL_y_n, cross(motion.w_p, cross(motion.w_p, k.r)))
+    return [*rows, *loop_rows(legs)], [*right, *right_31]
+
+
+def leg_from_joints(
+    leg: Leg, r: Vector, sines: tuple[Scalar, Scalar, Scalar, Scalar], q_s: Scalar, rates: Vector
+) -> LegState:
+    """A leg from its joint coordinates, loop open or closed: ``sines`` so, co, s, c; ``rates`` q_o', q_n', q_s'.
+
+    Its accelerations are those of q_o'' = q_n'' = q_s'' = 0.
+    """
+    so, co, s, c = sines
+    dq_o, dq_n, dq_s = rates
+    x_n, y_n, z_n = leg_axes(so, co, s, c)
+    L, w = q_s + leg.a, s * dq_o
+    return LegState(
+        r=r, L=L, q_s=q_s, so=so, co=co, s=s, c=c, x_n=x_n, y_n=y_n, z_n=z_n, dq_s=dq_s, dq_n=dq_n, w=w,
+        ddq_s=0.0, u=2.0 * c * dq_n * dq_o, nu=-s * c * dq_o * dq_o, A_y=-L * (w * w + dq_n * dq_n),
+    )  # fmt: skip
+
+
+def second_problem(
+    P: Parameters, motion: PlatformMotion, F: Sequence[Scalar], sqrt: Sqrt, solve: Solve, equations: Equations
+) -> SecondProblem:
+    """Forward dynamics: F, pose and twist are given, the platform's accelerations are wanted.
+
+    The legs' accelerations follow from `leg_kinematics` and `hinge_rates` with ddC_p, dw_p in the motion.
+
+    Parameters
+    ----------
+    P, motion
+        Numbers of any one kind; the motion's accelerations are not read.
+    F
+        N driving forces [N].
+    sqrt, solve
+        Square root of that kind; ``solve(rows, right)``.
+    equations
+        `compliance_equations`, `reduced_equations` or `paper_equations`.
+    """
+    held, legs = held_legs(P, motion, sqrt)
+    x = solve(*equations(P, held, legs, F))
+    return SecondProblem((x[0], x[1], x[2]), (x[3], x[4], x[5]), x, legs)
+
+
+def planar_second_problem(
+    P: PlanarParameters, motion: PlatformMotion, F: Sequence[Scalar], sqrt: Sqrt, solve: Solve, equations: Equations
+) -> SecondProblem:
+    """As `second_problem`, by `planar_reduced_equations` or `planar_paper_equations`; zeros off the plane."""
+    held = motion._replace(ddC_p=ZERO, dw_p=ZERO)
+    legs = [planar_leg_kinematics(P.leg, p, O, held, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+    x = solve(*equations(P, held, legs, F))
+    zero = 0.0 * x[0]
+    return SecondProblem((x[0], x[1], zero), (zero, zero, zero if P.J_pz is None else x[2]), x, legs)
+
+
+# --- Energy -----------------------------------------------------------------------------------------------------------
+
+
+def energy(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState]) -> tuple[Scalar, Scalar]:
+    """Kinetic and potential energy of platform and legs [J].  Accelerations are not read.
+
+    The potential leaves out what never changes: the heights of the hull pins.
+    """
+    w_P = apply_transposed(motion.R, motion.w_p)
+    T = 0.5 * (P.m_p * dot(motion.dC_p, motion.dC_p) + dot(w_P, apply(P.I_p, w_P)))
+    V = -P.m_p * dot(P.g, motion.C_p)
+    for k in legs:
+        J_q, J_y, m_q = inertia(P.leg, k.q_s)
+        T = T + 0.5 * (J_q * (k.w * k.w + k.dq_n * k.dq_n) + P.leg.m_s * k.dq_s * k.dq_s)
+        if P.leg.spins:
+            dq_o = k.w / k.s
+            T = T + 0.5 * (P.leg.J_oz + J_y * k.c * k.c) * dq_o * dq_o
+        V = V - m_q * dot(P.g, k.y_n)
+    return T, V
+
+
+def power(
+    P: Parameters | PlanarParameters,
+    motion: PlatformMotion,
+    legs: Sequence[LegState] | Sequence[PlanarLegState],
+    F: Sequence[Scalar],
+) -> tuple[Scalar, Scalar]:
+    """Power of the driving forces, sum F_i L_i', and of the load on the platform [W]."""
+    force, moment = outside_wrench(P, motion)
+    actuators = 0.0
+    for k, F_i in zip(legs, F, strict=True):
+        actuators = actuators + F_i * k.dq_s
+    return actuators, dot(force, motion.dC_p) + dot(moment, motion.w_p)

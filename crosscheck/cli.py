@@ -1,4 +1,4 @@
-"""The command line: run, models, scenes, engines."""
+"""The command line: run, audit, models, scenes, engines."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..models import SceneError, load_scene, scene_names, write_models
-from ..reports import OutputError, print_verdict, require_free, write_files, write_run
-from .engine import DynamicsResult, Failure, UnknownEngine, engine_version, routes
-from .run import choose_engines, require_determinate
+from ..reports import OutputError, print_audit, print_verdict, require_free, write_files, write_run
+from . import audit as audit_of_text
+from .engine import DynamicsResult, EngineError, Failure, UnknownEngine, engine_version, routes
+from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, require_determinate
 from .run import run as run_scene
 from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
 from .trajectory import SAMPLES, TrajectoryError, from_file, from_scene
@@ -137,6 +138,29 @@ def run(
     print_verdict(report.agreement, console)
     console.print(f"results: {folder}", highlight=False, markup=False, soft_wrap=True)
     return report.status
+
+
+@app.command(epilog="Example: crosscheck audit --out results")
+def audit(
+    out: Annotated[Path | None, typer.Option(help="Folder for the table. Default: runs/RUN_ID.")] = None,
+) -> int:
+    """Measure every equation of the paper, and every misprint, against certified truth.
+
+    Writes audit.csv. Exit status: 0 every equation holds and every misprint shows, 1 one does not, 2 unusable input,
+    3 the reference failed to run, 4 an internal error.
+    """
+    require_free(out or Path("runs", "RUN_ID"))
+    try:
+        table = audit_of_text.audit()
+    except EngineError as e:
+        _say(str(e))
+        return ENGINE_FAILED
+    folder = out or Path("runs") / new_run_id("audit")
+    write_files(folder, {"audit.csv": table.to_csv(index=False)})
+    console = _console()
+    print_audit(table, console)
+    console.print(f"results: {folder}", highlight=False, markup=False, soft_wrap=True)
+    return DISAGREE if (table["verdict"] == audit_of_text.FAILS).any() else AGREE
 
 
 @app.command(epilog="Example: crosscheck models hexapod --out my_models")

@@ -84,12 +84,19 @@ def choose_engines(names: Sequence[str]) -> dict[str, type[Engine] | Failure]:
 def require_determinate(scene: Scene) -> None:
     """Raise SceneError unless the tree's velocities are the actuators plus the closure equations."""
     if scene.nv != scene.na + scene.nc:
-        kind = "under" if scene.N > 6 else "over"
+        equations = scene.platform_equations
+        kind = "under" if scene.N > equations else "over"
+        source = {"spatial": "(7), (8)", "planar": "(32)", "point": "(35)"}[scene.freedom]
         raise SceneError(
-            f"{scene.source}: hull.pins: got {scene.N} legs, expected 6:"
+            f"{scene.source}: hull.pins: got {scene.N} legs, expected {equations}:"
             f" nv = {scene.nv}, na + nc = {scene.na} + {scene.nc};"
-            f" (7), (8) are six equations for {scene.N} driving forces, which are {kind}determined"
+            f" {source}, {equations} equations for {scene.N} driving forces, leave them {kind}determined"
         )
+
+
+def new_run_id(name: str, started: datetime | None = None) -> str:
+    """Name of a folder of results: time in UTC, what was run, and something that no other run has."""
+    return f"{started or datetime.now(UTC):%Y%m%dT%H%M%SZ}-{name}-{secrets.token_hex(2)}"
 
 
 def run(
@@ -115,7 +122,7 @@ def run(
     chosen = choose_engines(engines)
     require_determinate(scene)
     started, start = datetime.now(UTC), perf_counter()
-    run_id = f"{started:%Y%m%dT%H%M%SZ}-{scene.name}-{secrets.token_hex(2)}"
+    run_id = new_run_id(scene.name, started)
     able: dict[str, type[Engine]] = {}
     for name, engine in chosen.items():
         if isinstance(engine, Failure):

@@ -202,20 +202,28 @@ def _build(
     )  # fmt: skip
 
 
-def from_scene(scene: Scene, samples: int = SAMPLES) -> Trajectory:
-    """The scene's own motion at `samples` times, both ends included. Raises TrajectoryError."""
+def _turned(kind: str, x: Jet) -> Jet:
+    """Quaternion jet of `cardan_xyz` angles or of a `rotation_vector`, as in the scene file."""
+    if kind == "rotation_vector":
+        return quaternions.exponential(x)
+    turns = [quaternions.turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
+    return quaternions.product(quaternions.product(turns[0], turns[1]), turns[2])
+
+
+def along(scene: Scene, t: np.ndarray) -> Trajectory:
+    """The scene's own motion at the times `t` (nt,) [s]. Raises TrajectoryError."""
     source = f"{scene.source}: motion"
     if scene.motion is None:
         raise TrajectoryError(f"{source}: missing, expected a [motion] table or a trajectory file")
-    t = np.linspace(0.0, scene.motion.duration, samples)
     orientation = scene.motion.orientation
     x = _sines(orientation.components if orientation else _UNTURNED, t)
-    if orientation is None or orientation.kind == "rotation_vector":
-        q = quaternions.exponential(x)
-    else:
-        turns = [quaternions.turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
-        q = quaternions.product(quaternions.product(turns[0], turns[1]), turns[2])
+    q = _turned(orientation.kind if orientation else "rotation_vector", x)
     return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *quaternions.angular(q))
+
+
+def from_scene(scene: Scene, samples: int = SAMPLES) -> Trajectory:
+    """The scene's own motion at `samples` times, both ends included. Raises TrajectoryError."""
+    return along(scene, np.linspace(0.0, scene.motion.duration if scene.motion else 0.0, samples))
 
 
 def from_file(scene: Scene, path: str | Path) -> Trajectory:

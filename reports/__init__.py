@@ -1,6 +1,15 @@
 """Tables out: files and terminal. Knows tables, not dynamics."""
 
+from .audit import print_audit
 from .files import AGREEMENT_COLUMNS, OutputError, require_free, write_files, write_run
 from .terminal import print_verdict
 
-__all__ = ["AGREEMENT_COLUMNS", "OutputError", "print_verdict", "require_free", "write_files", "write_run"]
+__all__ = [
+    "AGREEMENT_COLUMNS",
+    "OutputError",
+    "print_audit",
+    "print_verdict",
+    "require_free",
+    "write_files",
+    "write_run",
+]

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from stewart_crosscheck.crosscheck.trajectory import Trajectory, TrajectoryError, from_scene
+from stewart_crosscheck.analytic import PlatformMotion
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, TrajectoryError, along, from_scene
 from stewart_crosscheck.models import Scene
 
 
@@ -108,21 +109,39 @@ def random_planar(seed: int, point: bool) -> Scene:
             return scene
 
 
+def with_legs(scene: Scene, N: int) -> Scene:
+    """The scene with its first legs, or with more of them between the others; without motion."""
+    data = scene.model_dump(exclude_none=True, by_alias=True)
+    data.pop("motion")
+    for part in ("platform", "hull"):
+        pins = np.array(data[part]["pins"])
+        data[part]["pins"] = np.vstack([pins, 0.5 * (pins + np.roll(pins, 1, axis=0))])[:N].tolist()
+    return Scene.model_validate(data)
+
+
+def motion_at(scene: Scene, t: float) -> tuple[PlatformMotion, list[float]]:
+    """The scene's own motion at any one time as plain floats, and its quaternion."""
+    one = along(scene, np.array([t]))
+    return PlatformMotion(*(np.asarray(a)[0].tolist() for a in one.motion)), one.quaternion[0].tolist()
+
+
 def _cross_matrix(v: np.ndarray) -> np.ndarray:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
-def dense_newton_euler(scene: Scene, trajectory: Trajectory, k: int) -> dict[str, np.ndarray]:
-    """All reactions of sample k from one 126 x 126 system: six equations per body, moments about the WORLD ORIGIN.
+def newton_euler_equations(
+    scene: Scene, trajectory: Trajectory, k: int
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Six equations per body of sample k and two per leg, M_o . y_r = M_n . z_n = 0: A x = b, moments about the ORIGIN.
 
     Unknowns per leg: wrenches of base, guide and rod joints (moment about the joint's point, force) and the force at
-    the tip.  Kinematics by the chain rule from joint coordinates and rotation matrices.
+    the tip.  Kinematics by the chain rule from joint coordinates and rotation matrices.  Third: y_n of each leg.
     """
     g = np.array(scene.gravity)
-    leg, n = scene.leg, 21 * scene.N
+    leg = scene.leg
     base = leg.base
     assert base is not None
-    A, b = np.zeros((n, n)), np.zeros(n)
+    A, b = np.zeros((20 * scene.N + 6, 21 * scene.N)), np.zeros(20 * scene.N + 6)
     up = np.array([0.0, 1.0, 0.0])
     R = trajectory.rotation[k]
     C, aC = trajectory.position[k], trajectory.acceleration[k]
@@ -183,6 +202,12 @@ def dense_newton_euler(scene: Scene, trajectory: Trajectory, k: int) -> dict[str
         f, at = np.array(scene.load.force), C + R @ scene.load.point
         b[P : P + 3] -= f
         b[P + 3 : P + 6] -= np.cross(at, f) + scene.load.moment
+    return A, b, ys
+
+
+def dense_newton_euler(scene: Scene, trajectory: Trajectory, k: int) -> dict[str, np.ndarray]:
+    """All reactions of sample k of a hexapod from one 126 x 126 system."""
+    A, b, ys = newton_euler_equations(scene, trajectory, k)
     x = np.linalg.solve(A, b).reshape(scene.N, 21)
     parts = ("M_o", "F_o", "M_n", "F_n", "M_s", "F_s", "F_r")
     out = {name: x[:, 3 * j : 3 * j + 3] for j, name in enumerate(parts)}

@@ -323,6 +323,8 @@ UNUSABLE = {
     "run --colour": "No such option: --colour",
     "run hexapod hexapod": "Got unexpected extra argument",
     "run --engine": "Option '--engine' requires an argument",
+    "audit hexapod": "Got unexpected extra argument",
+    "audit --out file": "--out file: got a file, expected a folder that does not exist or is empty",
     "fly": "No such command 'fly'",
     "models": "Missing argument 'scene'",
     "models hexapod": "Missing option '--out'",
@@ -415,7 +417,7 @@ def test_engines_lists_every_engine_with_route_and_version(command: Command) -> 
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 
-@pytest.mark.parametrize("name", ["run", "models", "scenes", "engines"])
+@pytest.mark.parametrize("name", ["run", "audit", "models", "scenes", "engines"])
 def test_every_command_has_help_with_an_example(command: Command, name: str) -> None:
     status, out, err = command(name, "--help")
     assert (status, err) == (0, "")
@@ -426,12 +428,13 @@ def test_every_command_has_help_with_an_example(command: Command, name: str) -> 
 def test_help_names_every_command(command: Command, args: tuple[str, ...]) -> None:
     status, out, _ = command(*args)
     assert status == 0
-    assert all(re.search(rf"^\W*{name} ", out, flags=re.M) for name in ("run", "models", "scenes", "engines"))
+    assert all(re.search(rf"^\W*{name} ", out, flags=re.M) for name in ("run", "audit", "models", "scenes", "engines"))
 
 
 def test_the_help_test_covers_every_command() -> None:
     assert {c.callback.__name__ for c in cli.app.registered_commands if c.callback} == {
         "run",
+        "audit",
         "models",
         "scenes",
         "engines",

@@ -21,7 +21,7 @@ from stewart_crosscheck.crosscheck.compare import agreement
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, EngineError, load_engine
 from stewart_crosscheck.crosscheck.run import run
 from stewart_crosscheck.crosscheck.samples import samples
-from stewart_crosscheck.crosscheck.trajectory import Trajectory, TrajectoryError, from_file, from_scene
+from stewart_crosscheck.crosscheck.trajectory import Trajectory, TrajectoryError, along, from_file, from_scene
 from stewart_crosscheck.crosscheck.trajectory_csv import POSE, RATES
 from stewart_crosscheck.models import Scene, SceneError, load_scene
 from stewart_crosscheck.models.scene import parse_scene
@@ -446,3 +446,72 @@ pins = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
     scene = parse_scene(text, "two.toml")
     assert (scene.freedom, scene.nv, scene.na, scene.nc) == ("point", 6, 2, 4)
     assert scene.gravity == (0.0, -9.81, 0.0)
+
+
+# --- The second problem -----------------------------------------------------------------------------------------------
+
+MOVING = ["planar3", "pointmass2", "collinear", "random bar", "random point"]
+
+
+def moving(name: str) -> Scene:
+    return random_planar(3, name.endswith("point")) if name.startswith("random") else load_scene(name)
+
+
+@pytest.mark.parametrize("form", ["compliance", "reduced", "paper"])
+@pytest.mark.parametrize("name", MOVING)
+def test_certified_forces_give_the_accelerations_back(form: str, name: str) -> None:
+    """Collinear legs too: what is singular for the forces is regular for the motion."""
+    scene = moving(name)
+    trajectory = from_scene(scene, 9)
+    found = analytic.forward_dynamics(scene.parameters, trajectory.motion, truth_of(scene, trajectory).F, form)
+    scale = np.abs(trajectory.acceleration).max()
+    for mine, want in ((found.ddC_p, trajectory.acceleration), (found.dw_p, trajectory.angular_acceleration)):
+        np.testing.assert_allclose(mine, want, rtol=0, atol=ROUNDING * max(scale, 1.0))
+    assert found.condition.max() < 40
+
+
+@pytest.mark.parametrize(
+    ("function", "change"),
+    [("planar_loads", {"F_is": -1.0}), ("planar_loads", {"M_in": -1.0}), ("planar_screw", None)],
+)
+def test_a_wrong_term_of_the_second_problem_shows(
+    function: str, change: dict[str, float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = getattr(stewart, function)
+
+    def broken(*args: Any) -> Any:
+        out = whole(*args)
+        if change is None:
+            return (*out[:2], -out[2])
+        return out._replace(**{name: factor * getattr(out, name) for name, factor in change.items()})
+
+    scene = load_scene("planar3")
+    trajectory = from_scene(scene, 5)
+    F = truth_of(scene, trajectory).F
+    monkeypatch.setattr(stewart, function, broken)
+    for form in ("reduced", "paper"):
+        found = analytic.forward_dynamics(scene.parameters, trajectory.motion, F, form)
+        assert np.abs(found.dw_p - trajectory.angular_acceleration).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["planar3", "pointmass2"])
+def test_a_planar_simulation_follows_the_motion_and_keeps_the_energy(name: str) -> None:
+    """Round-off of 1e-15 per step grows by a few hundred in 1 s; the energies are ten times the work."""
+    scene = load_scene(name)
+    t = np.linspace(0.0, 1.0, 6)
+    want = along(scene, t)
+    position, q, v, w = (x[0].tolist() for x in (want.position, want.quaternion, want.velocity, want.angular_velocity))
+    start = analytic.State(position, q, v, w)
+    P = scene.parameters
+    s = analytic.simulate(P, start, lambda now: analytic.driving_forces(P, along(scene, np.array([now])).motion)[0], t)
+    assert np.abs(s.position - want.position).max() < 1e-11
+    assert np.abs(s.quaternion - want.quaternion).max() < 1e-11
+    assert np.abs(analytic.energy_defect(P, s)).max() < 1e-12 * np.ptp(s.work)
+    assert np.ptp(s.work) > 1.0
+
+
+def test_a_planar_leg_of_no_length_is_refused() -> None:
+    scene = load_scene("pointmass2")
+    motion = from_scene(scene, 1).motion._replace(C_p=np.zeros((1, 3)))
+    with pytest.raises(SingularPose, match="sample 0, leg 1: length = 0"):
+        analytic.forward_dynamics(scene.parameters, motion, np.ones((1, 2)))

@@ -1,0 +1,47 @@
+"""Misprints of the paper that change no number: names, references, symbols that have no value. Nothing to measure."""
+
+from __future__ import annotations
+
+from .audit import text
+
+TEXT = [
+    text("parameters", "", "list of parameters, article 1", "Leg",
+         "J_s^v, J_s^y; neither m_o, a, J_o^z nor J_n^y",
+         "m_p, I_p, m_s, m_n, m_o, a, a_n, J_o^z, J_n^x, J_n^y, J_s^x, J_s^z"),
+    text("L = q_s + a", "(27)", "length of a leg, and a of (27)", "leg_kinematics",
+         "a and the relation of L and q_s appear nowhere", "a = C_s O_r is constant, L = q_s + a"),
+    text("states, dots", "", "list of coordinates, rates and accelerations, article 1", "LegState",
+         "some dots missing", "q, q', q'' of o, n and s", scan=True),
+    text("J_ai, J_v, m_ai", "(3), (21)", "subscripts in (3), (21) and the proof of statement 1", "leg_loads_printed",
+         "J_ai, J_v, m_ai: no such symbols", "J_qi, J_y, m_qi", scan=True),
+    text("renamings", "(5)", "symbols taken over from the authors' article [2]", "Leg",
+         "J_3^x = J_s^x and J_1^z = J_0^z twice, J_2 and J_1 without an axis", "each once, with its axis", scan=True),
+    text("L^tr", "(1)", "lever of the guide's moments, proof of statement 1", "joint_moments_printed",
+         "L^tr", "L", scan=True),
+    text("weight of the base", "(4)", "moment of gravity in M_io, proof of statement 1", "leg_loads_printed",
+         "m_a z_o . z_o x g: no such mass", "m_o a_o z_o . z_o x g, zero", scan=True),
+    text("( )'_r, ( )'_*, ( )'_i", "(8), (17), (32)", "derivatives in (8), (17) and the third equation before (32)",
+         "platform_momentum_rate", "subscripts r, *, i", "t, as everywhere", scan=True),
+    text("axes of w_p", "(8)", "projections of w_p, under (8)", "platform_momentum_rate",
+         "projections turned into the axes C_p x_r y_r z_r, which they are in already",
+         "into the principal axes C_p x_p y_p z_p"),
+    text("vertical axis", "(20)", "axes named before (20)", "leg_loads_scalar",
+         "O_1 z_1 and O y, the names of article [2]", "O_oi z_oi and O_r y_r"),
+    text("(24), (25), t^2", "(24), (25)", "second derivatives in (24), (25) and the proof of (26)",
+         "second_derivative_along", "d^2 q_s y_n / t^2, d^2 m_q y_n / t^2: not forces", "/ dt^2"),
+    text("(24), first copy", "(24), (25)", "the pair (24), (25)", "joint_forces_printed",
+         "printed twice, m_s q y in the first copy, (25) numbered (24)", "once, m_s g y", scan=True),
+    text("(27), J_si^x", "(27)", "subscript of the rod's inertia", "joint_moments_printed",
+         "J_si^x, as if the rods differed", "J_s^x"),
+    text("(2.7)", "(27)", "reference in the proof of (27)", "joint_moments_printed", "(2.7)", "(2.9)"),
+    text("(5.7)", "(28), (29)", "references in the proofs of (28), (29)", "joint_moments_printed",
+         "(5.7); there is no article 5", "(30), with (2.10) and (2.11)"),
+    text("system (1), (2)", "(7), (8)", "reference after statement 3", "platform_equations_printed",
+         "scalar form of (1), (2)", "of (7), (8)"),
+    text("p^alpha, p^gamma", "(34)", "direction cosines of the bar's left pin, example 1", "loops_of_example_1",
+         "p_j^alpha, p_j^gamma", "p_j^x, p_j^y, j = 1, 2", scan=True),
+    text("system (33)", "(32)", "reference in example 1", "planar_platform_equations_printed",
+         "(33) solves the first problem", "(32)"),
+    text("(42)-(46)", "(32)-(36)", "reference in the conclusion", "planar_platform_equations_printed",
+         "(42)-(46)", "(32)-(36)"),
+]  # fmt: skip

@@ -1,0 +1,188 @@
+"""The second problem of dynamics: accelerations from driving forces, for arrays of samples and for single states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import stewart
+from .samples import blocks
+from .solve import LIMIT, SingularPose, row_scaled
+from .stewart import Equations, LegState, Parameters, PlanarParameters, PlatformMotion, Scalar, SecondProblem
+
+Mechanism = Parameters | PlanarParameters
+
+
+class Form(NamedTuple):
+    """A form of the equations, and the power of 1/s by which its rounding grows without and with spin inertia."""
+
+    equations: Equations
+    loss: float
+    loss_spinning: float
+
+
+FORMS = {
+    "compliance": Form(stewart.compliance_equations, 0.0, 1.0),  # z_n has the rounding of l over s
+    "reduced": Form(stewart.reduced_equations, 0.0, 2.0),  # 1/s^2 in the matrix
+    "paper": Form(stewart.paper_equations, 3.0, 1.0),  # without spin inertia q_o'' itself grows as 1/s^2
+}
+"""Forms of (7), (8), (31) by name; the first one is the default."""
+
+PLANAR_FORMS = {
+    "compliance": stewart.planar_reduced_equations,  # no planar leg is steep: one form serves for both
+    "reduced": stewart.planar_reduced_equations,
+    "paper": stewart.planar_paper_equations,
+}
+"""Forms of (32), (34) or (35), (36) by the same names."""
+
+
+@dataclass(frozen=True)
+class Accelerations:
+    """Of the platform, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2.
+
+    ``condition`` (nt,): row-scaled, of the form's matrix.
+    """
+
+    ddC_p: np.ndarray
+    dw_p: np.ndarray
+    condition: np.ndarray
+
+
+def _require(good: np.ndarray, values: np.ndarray, first_sample: int, name: str, limit: str) -> None:
+    """Raise SingularPose for the first leg and sample that are not good; both arrays (N, nt) or (N,)."""
+    if not good.all():
+        leg, sample = np.argwhere(~np.atleast_2d(good.T).T)[0]
+        value = float(np.atleast_2d(values.T).T[leg, sample])
+        raise SingularPose(first_sample + int(sample), int(leg) + 1, name, value, limit)
+
+
+def require_length(P: Parameters | PlanarParameters, L: np.ndarray, first_sample: int) -> None:
+    """Raise SingularPose for a leg of no length; ``L`` (N, nt) or (N,)."""
+    least = (max(sum(abs(x) for x in p) for p in P.p) + abs(P.leg.a)) / LIMIT
+    _require(L >= least, L, first_sample, "length", f"below {least:.0e} m: no leg is left")
+
+
+def require_not_steep(name: str, P: Parameters, legs: Sequence[LegState], first_sample: int = 0) -> None:
+    """Raise SingularPose for a leg of no length, or so steep that a form leaves fewer than four digits.
+
+    Rounding grows as the form says; a base or spin inertia that moves also needs q_o' = V . z_n / s, where z_n has the
+    rounding of l over s: q_o'^2 adds rates squared over s^2, against accelerations of the order 1 rad/s^2.
+    """
+    L, s, dq_n, w = np.array([(k.L, k.s, k.dq_n, k.w) for k in legs]).swapaxes(0, 1)
+    require_length(P, L, first_sample)
+    form = FORMS[name]
+    with np.errstate(all="ignore"):  # what overflows is refused
+        moving = (dq_n * dq_n + w * w) / (s * s) if P.leg.spins else 0.0
+        growth = s ** -(form.loss_spinning if P.leg.spins else form.loss) + moving
+    limit = f"in the form {name!r} rounding grows by up to {growth.max():.0e}, expected at most {LIMIT:.0e}"
+    _require(growth <= LIMIT, s, first_sample, "sin q_n", limit)
+
+
+def _guarded(name: str, first_sample: int = 0) -> Equations:
+    """The equations of a form, refusing poses that it is not for."""
+    if name not in FORMS:
+        raise ValueError(f"form: got {name!r}, expected one of {', '.join(FORMS)}")
+
+    def equations(P: Any, motion: PlatformMotion, legs: Any, F: Sequence[Scalar]) -> Any:
+        if isinstance(P, PlanarParameters):
+            require_length(P, np.array([k.L for k in legs]), first_sample)
+            return PLANAR_FORMS[name](P, motion, legs, F)
+        require_not_steep(name, P, legs, first_sample)
+        return FORMS[name].equations(P, motion, legs, F)
+
+    return equations
+
+
+def _second_problem(
+    P: Mechanism, motion: PlatformMotion, F: Any, sqrt: Any, solve: Any, form: Equations
+) -> SecondProblem:
+    if isinstance(P, PlanarParameters):
+        return stewart.planar_second_problem(P, motion, F, sqrt, solve, form)
+    return stewart.second_problem(P, motion, F, sqrt, solve, form)
+
+
+def _no_inverse(sample: int, condition: float) -> ArithmeticError:
+    return ArithmeticError(
+        f"sample {sample}: row-scaled condition {condition:.3g}, above {LIMIT:g}: no accelerations follow, because"
+        " masses or moments of inertia vanish"
+    )
+
+
+def accelerations(P: Mechanism, motion: PlatformMotion, F: Sequence[float], form: str = "compliance") -> SecondProblem:
+    """Platform accelerations of one state as plain floats: for integrators, without condition test.
+
+    Raises
+    ------
+    SingularPose
+        A leg too steep for the form, or of no length.
+    ArithmeticError
+        The matrix has no inverse.
+    """
+
+    def solve(rows: Any, right: Any) -> list[float]:
+        return np.linalg.solve(np.array(rows), np.array(right)).tolist()
+
+    try:
+        return _second_problem(P, motion, F, math.sqrt, solve, _guarded(form))
+    except (np.linalg.LinAlgError, ZeroDivisionError):
+        raise _no_inverse(0, math.inf) from None
+
+
+def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: str = "compliance") -> Accelerations:
+    """Platform accelerations under driving forces, for any number of samples and any N >= 1 of legs.
+
+    The joint accelerations are those of `inverse_kinematics` once ddC_p, dw_p stand in the motion.
+
+    Parameters
+    ----------
+    P : Parameters or PlanarParameters
+    motion : PlatformMotion
+        Arrays, world axes: C_p, dC_p, w_p (nt, 3) and R (nt, 3, 3), SI units.  Its accelerations are not read.
+    F : ndarray, shape (nt, N)
+        Driving forces [N], + extends the leg.
+    form : name of one of `FORMS`
+        ``compliance`` serves steep legs, ``reduced`` is the smallest, ``paper`` is the paper's own (7), (8), (31).
+
+    Raises
+    ------
+    SingularPose
+        A leg too steep for the form, or of no length.
+    ArithmeticError
+        Row-scaled condition above 1e12.
+    ValueError
+        Wrong shape, a value that is not finite, or an unknown form.
+    """
+    zero = np.zeros(np.shape(motion.C_p))
+    motion = motion._replace(ddC_p=zero, dw_p=zero)
+    F = np.asarray(F, dtype=float)
+    expected = (len(zero) if zero.ndim else 0, len(P.p))
+    if F.shape != expected:
+        raise ValueError(f"F: got shape {F.shape}, expected {expected}: one force per sample and leg")
+    if not np.isfinite(F).all():
+        sample = int(np.argwhere(~np.isfinite(F))[0][0])
+        raise ValueError(f"F: sample {sample} is not finite: {F[sample].tolist()}")
+    conditions: list[np.ndarray] = []
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for block, m in blocks(motion):
+
+        def solve(rows: Any, right: Any, block: slice = block) -> list[np.ndarray]:
+            A = np.empty((block.stop - block.start, len(rows), len(rows)))
+            for i, row in enumerate(rows):
+                for j, x in enumerate(row):
+                    A[:, i, j] = x
+            b = np.stack(np.broadcast_arrays(*right), axis=-1)
+            length, condition, _ = row_scaled(A)
+            worst = int(np.argmax(condition))
+            if not condition[worst] <= LIMIT:
+                raise _no_inverse(block.start + worst, float(condition[worst]))
+            conditions.append(condition)
+            return list(np.linalg.solve(A / length[..., None], (b / length)[..., None])[..., 0].T)
+
+        with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name
+            one = _second_problem(P, m, list(F[block].T), np.sqrt, solve, _guarded(form, block.start))
+        found.append((np.array(one.ddC_p).T, np.array(one.dw_p).T, conditions[-1]))
+    return Accelerations(*(np.concatenate(column) for column in zip(*found, strict=True)))
