@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,18 @@ from .engine import (
     platform_quantity,
     quantity,
 )
-from .tolerance import CLOSURE, EASY_CONDITION, LAW_FACTOR, LAW_LIMIT, RADIUS, ROUND_OFF, Tolerance, of_forces, of_loops
+from .tolerance import (
+    CLOSURE,
+    EASY_CONDITION,
+    LAW_FACTOR,
+    LAW_LIMIT,
+    RADIUS,
+    ROUND_OFF,
+    Tolerance,
+    of_accelerations,
+    of_forces,
+    of_loops,
+)
 from .trajectory import Trajectory
 
 PASS, FAIL, ERROR, UNSUPPORTED = "pass", "fail", "error", "unsupported"
@@ -131,14 +142,12 @@ def _errors(
         return np.linalg.norm(result.loops[name], axis=2), legs
     if name in PLATFORM:
         given = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])[truth.samples]
-        want, radius, legs = platform_quantity(name, given), None, ["platform"]
-    else:
-        want, radius = certified(scene, truth, name)
-        legs = ["hull"] if name in HULL else legs
-    if result is truth:
-        return np.linalg.norm(radius, axis=2), legs
-    got = values(scene, result, name)[np.isin(result.samples, truth.samples)]
-    return np.linalg.norm(got - want, axis=2), legs
+        error = values(scene, result, name) - platform_quantity(name, given)
+        return np.linalg.norm(error, axis=2), ["platform"]
+    want, error = certified(scene, truth, name)
+    if result is not truth:
+        error = values(scene, result, name)[np.isin(result.samples, truth.samples)] - want
+    return np.linalg.norm(error, axis=2), ["hull"] if name in HULL else legs
 
 
 def _judge(
@@ -182,19 +191,31 @@ def _tolerance(name: str, certified: bool, trajectory: Trajectory) -> tuple[Tole
 
 
 def _allowed(
-    scene: Scene, trajectory: Trajectory, result: DynamicsResult, certified: bool, name: str, scale: float
+    scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str, size: Scales
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest error over the scale, and what it is called, at each sample of the result."""
-    tolerance, wider = _tolerance(name, certified, trajectory)
+    if result.platform is not None:
+        return _allowed_forward(scene, trajectory, result, name, size)
+    tolerance, wider = _tolerance(name, result is truth, trajectory)
     wider = wider[result.samples]
-    if result.law is None:
-        return tolerance.value * wider, np.where(wider > 1.0, f"{tolerance.name}_ill_conditioned", tolerance.name)
+    return tolerance.value * wider, np.where(wider > 1.0, f"{tolerance.name}_ill_conditioned", tolerance.name)
+
+
+def _allowed_forward(
+    scene: Scene, trajectory: Trajectory, result: DynamicsResult, name: str, size: Scales
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same for an answer to driving forces: what its law predicts, and rounding."""
+    condition, sin_q_n = trajectory.condition[result.samples], trajectory.sin_q_n[result.samples]
+    largest = np.linalg.norm(result.reactions[..., 3:], axis=2).max(axis=1)
     if name in PLATFORM:
-        law = platform_quantity(name, result.predicted["platform"])
+        wider = of_accelerations(largest / (scene.platform.mass * size.acceleration), sin_q_n)
     else:
-        law = quantity(scene, name, result.F, result.predicted["reactions"])
-    off = np.linalg.norm(law, axis=2).max(axis=1) / scale
-    rounding = tolerance.value * np.maximum(wider, result.law.condition / EASY_CONDITION)
+        wider = of_forces(condition, sin_q_n)
+    if result.law is None:
+        return ROUND_OFF.value * wider, np.full(len(wider), ROUND_OFF.name)
+    law = values(scene, replace(result, **result.predicted), name)
+    off = np.linalg.norm(law, axis=2).max(axis=1) / size.of(name)
+    rounding = ROUND_OFF.value * np.maximum(wider, result.law.condition / EASY_CONDITION)
     return LAW_FACTOR * off + rounding, np.full(len(off), f"law_of_{result.law.name}")
 
 
@@ -234,7 +255,7 @@ def agreement(
                 row["reason"] = "no certified truth to compare with"
             else:
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                allowed = _allowed(scene, trajectory, result, name == REFERENCE, q, size.of(q))
+                allowed = _allowed(scene, trajectory, result, truth, q, size)
                 held = np.isin(result.samples, result.samples if q in (*LOOPS, "balance") else truth.samples)
                 t = trajectory.t[result.samples[held]]
                 row |= _judge(errors, where, t, size.of(q), *(x[held] for x in allowed))

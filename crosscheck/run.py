@@ -162,9 +162,7 @@ def run(
         },
         "truth": _truth(compare.truth_of(results), len(trajectory.t)),
         "models": {n: asdict(r.model) for (n, _), r in results.items() if isinstance(r, DynamicsResult) and r.model},
-        "failed": [
-            {"engine": n, "route": m, "reason": r.reason} for (n, m), r in results.items() if isinstance(r, Failure)
-        ],
+        "failed": _failed(results),
     }
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status
@@ -185,6 +183,15 @@ def _undetermined(scene: Scene, trajectory: Trajectory) -> str:
         f"singular at {count} of {len(trajectory.t)} samples, rank {scene.nv - 1} of {scene.nv}: the motion determines"
         f" {held}, not {free}; compared are the shortest driving forces of that motion"
     )
+
+
+def _failed(results: dict[Key, DynamicsResult | Failure]) -> dict[str, dict[str, str]]:
+    """Reasons by engine and route."""
+    failed: dict[str, dict[str, str]] = {}
+    for (name, route), result in results.items():
+        if isinstance(result, Failure):
+            failed.setdefault(name, {})[route] = result.reason
+    return failed
 
 
 def _truth(result: DynamicsResult | Failure, nt: int) -> dict:

@@ -55,6 +55,15 @@ def of_forces(condition: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
     return np.fmax(np.fmax(1.0, condition / EASY_CONDITION), EASY_SIN_Q_N / sin_q_n)
 
 
+def of_accelerations(share: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
+    """How much wider `ROUND_OFF` is at each sample for what forces, over the platform's mass, accelerate it by.
+
+    ``share``: the largest force of the sample over mass and scale of accelerations: its rounding is one of theirs.
+    Steep legs add that of the pose, as for forces; the condition does not, it is in the forces already.
+    """
+    return np.fmax(1.0, share) * np.fmax(1.0, EASY_SIN_Q_N / sin_q_n)
+
+
 def of_loops(sin_q_n: np.ndarray, derivative: int) -> np.ndarray:
     """How much wider `CLOSURE` is at each sample, at least 1, at position, velocity or acceleration level (0, 1, 2).
 

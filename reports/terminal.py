@@ -16,7 +16,7 @@ _FORWARD = "a"
 
 def _cell(row: pd.Series) -> str:
     text = f"{row['max_rel']:.1e}" if row["verdict"] in ("pass", "fail") else row["verdict"]
-    if row["tolerance_name"].startswith("law_of_") and row["verdict"] == "pass":
+    if str(row["tolerance_name"]).startswith("law_of_") and row["verdict"] == "pass":
         text += f" ≤ {row['tolerance']:.0e}"
     if row["verdict"] == "fail":
         text += " FAIL"
@@ -80,7 +80,7 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
         )
     for verdict, style in (("error", "yellow"), ("unsupported", "dim")):
         for name, rows in agreement[agreement["verdict"] == verdict].groupby(["engine", "route"], sort=False):
-            what = f"{verdict.upper()}[/] {' '.join(name).strip()}"
+            what = f"{verdict.upper()}[/] {' '.join(map(str, name)).strip()}"
             console.print(f"[{style}]{what}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
     counts = agreement["verdict"].value_counts().to_dict()
     summary = ", ".join(f"{counts[v]} {v}" for v in _STYLE if v in counts)

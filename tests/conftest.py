@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import os
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
 
 from stewart_crosscheck.analytic import Parameters, PlatformMotion
-from stewart_crosscheck.crosscheck.engine import DynamicsResult, load_engine
+from stewart_crosscheck.crosscheck.engine import DynamicsResult, Engine, Key, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, load_scene
 
@@ -43,6 +45,11 @@ def engine_name(request: pytest.FixtureRequest) -> str:
             raise
         pytest.skip(f"{ENGINES[name]} is not installed")
     return name
+
+
+def keyed(engines: Mapping[str, type[Engine]], results: Mapping[str, Any]) -> dict[Key, Any]:
+    """Results of inverse dynamics by engine and route."""
+    return {(name, engine.route): results[name] for name, engine in engines.items()}
 
 
 def parameters(scene: Scene) -> Parameters:

@@ -40,13 +40,15 @@ SAMPLES_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "valu
 QUANTITIES = ["F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o"]
 HULL = ["F_hull", "M_hull"]
 CHECKS = ["loop_pos", "loop_vel", "loop_acc", "balance"]
+NATIVE = ["a", "alpha"]
 ROUTES = {
-    "analytic": "closed_form",
-    "dart": "kkt",
-    "mujoco": "kkt",
-    "pinocchio": "kkt",
-    "reference": "certified",
+    "analytic": ("closed_form",),
+    "dart": ("kkt", "native"),
+    "mujoco": ("kkt", "native"),
+    "pinocchio": ("kkt", "native"),
+    "reference": ("certified",),
 }
+EXTRA = {"kkt": CHECKS, "native": NATIVE}
 
 
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -144,12 +146,13 @@ def test_agreement_has_the_columns_of_the_contract_in_order(full: Run, one: Run)
 def test_agreement_has_every_engine_and_quantity_and_no_other_row(full: Run) -> None:
     want = [
         (engine, route, q)
-        for engine, route in ROUTES.items()
-        for q in QUANTITIES + HULL + (CHECKS if route == "kkt" else [])
+        for engine, routes in ROUTES.items()
+        for route in routes
+        for q in [*QUANTITIES[route == "native" :], *HULL, *EXTRA.get(route, [])]
     ]
     rows = full.agreement[["engine", "route", "quantity"]].itertuples(index=False, name=None)
     assert list(rows) == want
-    assert len(want) == 62
+    assert len(want) == 62 + 3 * 11
 
 
 def test_every_row_of_agreement_has_a_verdict_and_numbers(full: Run) -> None:
@@ -173,13 +176,17 @@ def test_samples_have_the_columns_and_one_row_per_component(full: Run) -> None:
     scalars = [(q, "-") for q in ("F", "L", "dL", "power")]
     vectors = [(q, c) for q in QUANTITIES[1:] for c in "xyz"]
     t = ["0", "1", "2"]
-    for engine, rows in full.samples.groupby("engine"):
-        assert set(rows["route"]) == {ROUTES[str(engine)]}
+    assert [*full.samples.groupby(["engine", "route"], sort=False).groups] == [
+        (engine, route) for engine, routes in ROUTES.items() if engine not in MISSING for route in routes
+    ]
+    for (_, route), rows in full.samples.groupby(["engine", "route"]):
         keys = list(rows[["t", "leg", "quantity", "component"]].itertuples(index=False, name=None))
-        want = [(k, leg, q, c) for k in t for leg in "123456" for q, c in scalars + vectors]
-        want += [(k, "0", q, c) for k in t for q in HULL for c in "xyz"]
+        native = route == "native"  # which is handed the driving forces
+        of_legs = vectors if native else scalars + vectors
+        want = [(k, leg, q, c) for k in t for leg in "123456" for q, c in of_legs]
+        want += [(k, "0", q, c) for k in t for q in HULL + (NATIVE if native else []) for c in "xyz"]
         assert sorted(keys) == sorted(want)
-        assert len(keys) == 3 * (6 * 25 + 6)
+        assert len(keys) == 3 * (6 * 21 + 12 if native else 6 * 25 + 6)
     assert set(full.samples["engine"]) == set(ROUTES) - set(MISSING)
 
 
@@ -204,7 +211,8 @@ def test_only_the_reference_has_a_radius(full: Run) -> None:
 
 def test_power_is_driving_force_times_rate_of_length(full: Run, one: Run) -> None:
     for run in (full, one):
-        values = run.samples[run.samples["component"] == "-"].astype({"value": float})
+        scalar = (run.samples["component"] == "-") & (run.samples["route"] != "native")
+        values = run.samples[scalar].astype({"value": float})
         table = values.pivot(index=["engine", "t", "leg"], columns="quantity", values="value")
         np.testing.assert_array_equal(table["power"], table["F"] * table["dL"])
         assert (table["power"] != 0).all()
@@ -403,9 +411,9 @@ def test_scenes_lists_every_built_in_scene(command: Command) -> None:
 def test_engines_lists_every_engine_with_route_and_version(command: Command) -> None:
     status, out, err = command("engines")
     assert (status, err) == (0, "")
-    for name, route in ROUTES.items():
+    for name, routes in ROUTES.items():
         row = next(line for line in out.splitlines() if f" {name} " in line)
-        assert route in row
+        assert f" {', '.join(routes)} " in row
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 

@@ -7,14 +7,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import keyed
 from machines import random_scene
 
 from stewart_crosscheck.crosscheck import tolerance
 from stewart_crosscheck.crosscheck.balance import balance
 from stewart_crosscheck.crosscheck.compare import agreement, expected, scales
-from stewart_crosscheck.crosscheck.engine import HULL, LOOPS, DynamicsResult, Failure, engine_names, load_engine
+from stewart_crosscheck.crosscheck.engine import (
+    HULL,
+    LOOPS,
+    DynamicsResult,
+    Failure,
+    engine_names,
+    is_forward,
+    load_engine,
+    routes,
+)
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
-from stewart_crosscheck.models import Scene
+from stewart_crosscheck.models import Scene, load_scene
 
 ENGINES = {"analytic": load_engine("analytic"), "reference": load_engine("reference")}
 
@@ -25,7 +35,7 @@ def results(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> di
 
 
 def table(hexapod: Scene, trajectory: Trajectory, results: dict) -> Any:
-    return agreement("id", hexapod, trajectory, ENGINES, results).set_index(["engine", "quantity"])
+    return agreement("id", hexapod, trajectory, ENGINES, keyed(ENGINES, results)).set_index(["engine", "quantity"])
 
 
 def spoiled(result: DynamicsResult, **changes: Any) -> DynamicsResult:
@@ -126,7 +136,18 @@ def test_engines_of_the_route_kkt_also_deliver_loops_and_balance(hexapod: Scene)
     for name in engine_names():
         e = load_engine(name)
         extra = (*LOOPS, "balance") if e.route == "kkt" else ()
-        assert expected(hexapod, e) == (*hexapod.quantities, *HULL, *extra)
+        assert expected(hexapod, e, e.route) == (*hexapod.quantities, *HULL, *extra)
+
+
+def test_the_route_native_delivers_accelerations_in_place_of_driving_forces(hexapod: Scene) -> None:
+    point = load_scene("pointmass2")
+    for name in engine_names():
+        e = load_engine(name)
+        assert is_forward(e) == (e.route == "kkt")
+        assert routes(e) == ((e.route, "native") if is_forward(e) else (e.route,))
+    e = load_engine("dart")
+    assert expected(hexapod, e, "native") == (*hexapod.quantities[1:], *HULL, "a", "alpha")
+    assert expected(point, e, "native") == (*point.quantities[1:], *HULL, "a")  # a point does not turn
 
 
 # --- Balance ----------------------------------------------------------------------------------------------------------
@@ -217,7 +238,9 @@ def test_balance_is_never_loosened(hexapod: Scene, trajectory: Trajectory, truth
     reactions = truth.reactions.copy()
     reactions[11, 0, 4] += 1e-9
     wrong = dataclasses.replace(kkt, reactions=reactions)
-    rows = agreement("id", hexapod, hard_at(trajectory, 11), engines, {"mujoco": wrong, "reference": truth})
+    rows = agreement(
+        "id", hexapod, hard_at(trajectory, 11), engines, keyed(engines, {"mujoco": wrong, "reference": truth})
+    )
     rows = rows.set_index(["engine", "quantity"])["verdict"]
     assert rows["mujoco", "balance"] == "fail"
     assert rows["mujoco", "F_o"] == "pass"
@@ -241,7 +264,7 @@ def test_the_tolerance_of_loops_cuts_where_it_says(
     loops[LOOPS[level]][7, 4] = factor * 1e-14 * scale * np.array([0.6, 0.0, -0.8])
     kkt = dataclasses.replace(truth, radius={}, loops=loops)
     engines = {"mujoco": load_engine("mujoco"), "reference": ENGINES["reference"]}
-    rows = agreement("id", hexapod, trajectory, engines, {"mujoco": kkt, "reference": truth})
+    rows = agreement("id", hexapod, trajectory, engines, keyed(engines, {"mujoco": kkt, "reference": truth}))
     rows = rows.set_index(["engine", "quantity"]).loc["mujoco"]
     assert rows.loc[LOOPS[level], "verdict"] == verdict
     assert rows.loc[LOOPS[level], "where"] == f"leg 5, t = {trajectory.t[7]:.6g} s"

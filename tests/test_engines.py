@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ENGINES
+from conftest import ENGINES, keyed
 from machines import random_scene
 
 from stewart_crosscheck.crosscheck import kkt
@@ -97,7 +97,7 @@ def test_hard_poses_keep_to_the_law_of_the_tolerance(
     scene, trajectory = hard_scene(hexapod, kind, distance)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, results)
+    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel", "tolerance"]]
     margin = (rows["tolerance"] / rows["max_rel"])[rows["engine"] == engine_name].min()
     assert margin < 1e4
@@ -112,7 +112,11 @@ def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
     scene, trajectory = hard_scene(hexapod, "steep", distance)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, results).set_index(["engine", "quantity"]).loc[engine_name]
+    rows = (
+        agreement("id", scene, trajectory, engines, keyed(engines, results))
+        .set_index(["engine", "quantity"])
+        .loc[engine_name]
+    )
     assert set(rows.loc[list(LOOPS), "verdict"]) == {"pass"}, rows[["max_rel", "tolerance"]]
     assert rows.loc["loop_pos", "tolerance"] == 1e-14
     assert rows.loc["loop_acc", "tolerance"] == pytest.approx(1e-14 * (0.1 / trajectory.sin_q_n[0]) ** 2)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ENGINES, one_sample
+from conftest import ENGINES, keyed, one_sample
 from flint import arb, ctx
 from machines import random_planar
 
@@ -58,7 +58,7 @@ def test_agrees_with_truth_under_load_and_inclined_gravity(engine_name: str, poi
     trajectory = from_scene(scene, 7)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, results)
+    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel"]]
     assert (rows["tolerance"] <= ROUNDING).all()
     assert abs(scene.gravity[0]) > 0.1
@@ -317,7 +317,7 @@ def test_another_number_of_legs_is_refused_with_what_is_determined(name: str, N:
 def test_planar_samples_list_the_components_that_exist() -> None:
     scene = load_scene("planar3")
     trajectory = from_scene(scene, 2)
-    results: Any = {"analytic": load_engine("analytic")(scene).inverse_dynamics(trajectory)}
+    results: Any = {("analytic", "closed_form"): load_engine("analytic")(scene).inverse_dynamics(trajectory)}
     (table,) = samples(scene, trajectory, results)
     found = {q: "".join(rows["component"].unique()) for q, rows in table.groupby("quantity")}
     forces, moments = ("F_r", "F_s", "F_n", "F_hull"), ("M_s", "M_n", "M_hull")

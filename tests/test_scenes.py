@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ENGINES
+from conftest import ENGINES, keyed
 from scipy.spatial.transform import Rotation
 
 from stewart_crosscheck import analytic
@@ -67,7 +67,7 @@ def test_every_engine_agrees_with_truth(name: str) -> None:
     trajectory = from_scene(scene, 9)
     engines = {e: load_engine(e) for e in ("analytic", *ENGINES, "reference")}
     results = {e: engine(scene).inverse_dynamics(trajectory) for e, engine in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, results)
+    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[rows["verdict"] != "pass"][["engine", "quantity", "max_rel"]]
     assert (rows["tolerance"] <= 1e-13).all()  # no built-in scene is a hard one
 

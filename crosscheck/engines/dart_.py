@@ -193,13 +193,14 @@ class DartEngine(SolverEngine):
         world.setDeactivationOptions(awake)
         world.addSkeleton(sk)
         self._set(state, 0)
+        sk.clearExternalForces()  # which inverse dynamics leaves behind
         before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
-        joint.setErrorReductionParameter(0.0)
-        joint.setConstraintForceMixing(MIXING)
         solver = world.getConstraintSolver()
-        for (rod, tip), (platform, _) in self.loops:
-            solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
         try:
+            joint.setErrorReductionParameter(0.0)
+            joint.setConstraintForceMixing(MIXING)
+            for (rod, tip), (platform, _) in self.loops:
+                solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
             yield world
         finally:
             joint.setErrorReductionParameter(before[0])

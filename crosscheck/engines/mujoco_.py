@@ -137,6 +137,13 @@ class MujocoEngine(SolverEngine):
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
         """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
+        beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
+        if len(beyond):
+            k, i = beyond[0].tolist()
+            raise EngineError(
+                f"{self.name}: sample {k}: got {F[k, i]:.3g} N for leg {i + 1}, expected at most {mj.mjMAXVAL:g} N:"
+                " MuJoCo sets all controls to zero beyond"
+            )
         m.eq_solimp[:, :2] = self.impedance
         m.opt.tolerance = TOLERANCE
         d = mj.MjData(m)
