@@ -157,10 +157,14 @@ def _judge(
     scale: float,
     allowed: np.ndarray,
     names: np.ndarray,
+    limit: float,
 ) -> dict:
-    """One row's numbers and verdict; each sample is held to its own tolerance. A NaN never passes."""
+    """One row's numbers and verdict; each sample is held to its own tolerance. A NaN never passes.
+
+    Samples whose tolerance is above `limit` are not judged.
+    """
     share = errors / (scale * allowed[:, None])
-    vague = allowed > LAW_LIMIT
+    vague = allowed > limit
     fits = share <= 1.0
     passed = bool(fits.all())
     sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors if passed else share)), errors.shape))
@@ -255,10 +259,11 @@ def agreement(
                 row["reason"] = "no certified truth to compare with"
             else:
                 errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                allowed = _allowed(scene, trajectory, result, truth, q, size)
+                allowed, names = _allowed(scene, trajectory, result, truth, q, size)
                 held = np.isin(result.samples, result.samples if q in (*LOOPS, "balance") else truth.samples)
                 t = trajectory.t[result.samples[held]]
-                row |= _judge(errors, where, t, size.of(q), *(x[held] for x in allowed))
+                limit = LAW_LIMIT if result.law else np.inf
+                row |= _judge(errors, where, t, size.of(q), allowed[held], names[held], limit)
                 row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)

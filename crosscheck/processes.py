@@ -52,9 +52,10 @@ def _work(
     with _output_to(log):
         try:
             engine = load_engine(name)
-            if F is None or not is_forward(engine):
+            if F is None:
                 route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
             else:
+                assert is_forward(engine)
                 route, result = engine.forward_route, engine(scene, models).forward_dynamics(trajectory, F)
             require_complete(name, engine, route, scene, trajectory, result)
             return result

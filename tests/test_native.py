@@ -172,7 +172,7 @@ def test_a_law_that_says_nothing_is_unsupported_and_says_so(engine_name: str, he
 )
 def test_samples_without_a_bound_hide_no_failure(errors: list[float], allowed: list[float], verdict: str) -> None:
     names = np.array(["x", "x"])
-    row = compare._judge(np.array(errors)[:, None], ["leg 1"], np.array([0.0, 1.0]), 1.0, np.array(allowed), names)
+    row = compare._judge(np.array(errors)[:, None], ["leg 1"], np.array([0.0, 1.0]), 1.0, np.array(allowed), names, 0.1)
     assert row["verdict"] == verdict
 
 
