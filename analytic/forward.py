@@ -28,7 +28,7 @@ class Form(NamedTuple):
 FORMS = {
     "compliance": Form(stewart.compliance_equations, 0.0, 1.0),  # z_n has the rounding of l over s
     "reduced": Form(stewart.reduced_equations, 0.0, 2.0),  # 1/s^2 in the matrix
-    "paper": Form(stewart.paper_equations, 3.0, 1.0),  # without spin inertia q_o'' itself grows as 1/s^2
+    "paper": Form(stewart.paper_equations, 1.0, 1.0),  # q_o'' and q_o'^2 s cancel between (31) and the loads
 }
 """Forms of (7), (8), (31) by name; the first one is the default."""
 
