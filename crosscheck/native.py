@@ -28,7 +28,8 @@ class Answer(NamedTuple):
 
     ``a`` (nt, nv): accelerations.  ``loop_forces`` (nt, N, 3): on the rods' tips, world axes.  ``M`` (nt, nv, nv): the
     engine's mass matrix.  ``force_defect`` (nt, nv) is M a + h - tau - J^T lambda and ``closure_defect`` (nt, nc) is
-    J a + dJ v of this answer, as far as the solver's method predicts them.
+    J a + dJ v of this answer, as far as the solver's method predicts them.  ``condition``: what rounding is multiplied
+    by in it, beside a direct solve.
     """
 
     a: np.ndarray
@@ -36,22 +37,19 @@ class Answer(NamedTuple):
     M: np.ndarray
     force_defect: np.ndarray
     closure_defect: np.ndarray
+    condition: float = 1.0
 
 
 class SolverEngine(KktEngine):
     """An engine that assembles loops and also solves them itself; a subclass sets up its solver and states its law."""
 
     forward_route: ClassVar[str] = "native"
+    law: ClassVar[Law]
 
     @property
     @abstractmethod
     def forward_setting(self) -> str:
         """The solver's name and what it was set to."""
-
-    @property
-    @abstractmethod
-    def law(self) -> Law:
-        """Name and reason of the error that the solver makes at this setting."""
 
     @abstractmethod
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
@@ -95,7 +93,7 @@ class SolverEngine(KktEngine):
             L=terms.L,
             dL=terms.dL,
             platform=platform,
-            law=self.law,
+            law=self.law._replace(condition=answer.condition),
             predicted={  # both are affine in what the solver answers
                 "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,

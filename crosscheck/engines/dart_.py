@@ -30,6 +30,12 @@ class DartEngine(SolverEngine):
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
+    law: ClassVar[Law] = Law(
+        "time_step",
+        "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of a"
+        " state beside the wanted one (see `_defects`); the error was measured at 1.00 times this law from 1e-3 to"
+        " 1e-7 s",
+    )
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import dartpy
@@ -137,15 +143,6 @@ class DartEngine(SolverEngine):
         """The second of two steps."""
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
-    @property
-    def law(self) -> Law:
-        """First-order theory in the time step, see `_defects`; velocities are rounded before they are divided by it."""
-        why = (
-            "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of"
-            " a state beside the wanted one; the error was measured at 1.00 times this law from 1e-3 to 1e-7 s"
-        )
-        return Law("time_step", why, condition=1.0 / self.time_step)
-
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
         """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
 
@@ -178,7 +175,8 @@ class DartEngine(SolverEngine):
                     force_W = np.zeros(3)
                     force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
                     loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
-        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a, loop_forces))
+        # Velocities are rounded before they are divided by the time step.
+        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a, loop_forces), condition=1.0 / dt)
 
     @contextlib.contextmanager
     def _world(self, state: State) -> Iterator[Any]:

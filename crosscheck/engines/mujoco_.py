@@ -17,7 +17,7 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms
-from ..native import Answer, SolverEngine, in_plane
+from ..native import Answer, SolverEngine, in_plane, mobility
 from ..trajectory import Trajectory
 
 IMPEDANCE = 0.9999
@@ -33,6 +33,11 @@ class MujocoEngine(SolverEngine):
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
     setting: ClassVar[str] = "mj_inverse, mj_rnePostConstraint"
+    law: ClassVar[Law] = Law(
+        "softness",
+        "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
+        " accelerate by -R lambda; the error was measured at 1.000 times this law from d = 0.9 to 0.9999",
+    )
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import mujoco
@@ -124,16 +129,6 @@ class MujocoEngine(SolverEngine):
         """On a copy of the model: the MJCF has MuJoCo's defaults."""
         return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
 
-    @property
-    def law(self) -> Law:
-        """Rows are soft; what is solved has their stiffness in it."""
-        why = (
-            "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
-            " accelerate by -R lambda; the error was measured at 1.000 times this law from d = 0.9 to 0.9999; the"
-            " solver factors M + J^T R^-1 J"
-        )
-        return Law("softness", why, condition=1.0 / (1.0 - self.impedance))
-
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
         """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
@@ -160,7 +155,10 @@ class MujocoEngine(SolverEngine):
             a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
             mj.mj_fullM(m, d, M[k])
         self._require_quiet(d)
-        return Answer(a, loop_forces, M, np.zeros_like(a), -(R * loop_forces)[..., axes].reshape(nt, scene.nc))
+        closure = -(R * loop_forces)[..., axes].reshape(nt, scene.nc)
+        # What the solver factors is M + J^T R^-1 J.
+        stiffness = np.einsum("tii->ti", mobility(M, terms.J)) / R[..., axes].reshape(nt, scene.nc)
+        return Answer(a, loop_forces, M, np.zeros_like(a), closure, float(stiffness.max()))
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""
