@@ -1,6 +1,7 @@
 """The closed-form formulas: `stewart` is the text, `dynamics` and `forward` run it on arrays of samples.
 
-`simulate` and `constrained` integrate in time, `assembly` finds the pose of given leg lengths.
+`simulate` and `constrained` integrate in time, `stability` says how errors grow, `assembly` finds the pose of given leg
+lengths.
 """
 
 from .assembly import Assembly, AssemblyError, assemble
@@ -18,7 +19,8 @@ from .dynamics import (
 from .forward import Accelerations, forward_dynamics
 from .integrate import SimulationError
 from .orientation import GimbalLock, cardan_from_quaternion, quaternion_from_cardan
-from .simulate import Simulation, State, energy_defect, simulate
+from .simulate import Simulation, State, energies, energy_defect, simulate
+from .stability import growth_rates
 from .stewart import Leg, Load, Parameters, PlanarParameters, PlatformMotion
 
 __all__ = [
@@ -43,8 +45,10 @@ __all__ = [
     "assemble",
     "cardan_from_quaternion",
     "driving_forces",
+    "energies",
     "energy_defect",
     "forward_dynamics",
+    "growth_rates",
     "inverse_dynamics",
     "inverse_kinematics",
     "quaternion_from_cardan",

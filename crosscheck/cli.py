@@ -1,4 +1,4 @@
-"""The command line: run, audit, models, scenes, engines."""
+"""The command line: run, simulate, audit, models, scenes, engines."""
 
 from __future__ import annotations
 
@@ -15,18 +15,27 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..models import SceneError, load_scene, scene_names, write_models
-from ..reports import OutputError, print_audit, print_verdict, require_free, write_files, write_run
+from ..reports import (
+    OutputError,
+    print_audit,
+    print_simulation,
+    print_verdict,
+    require_free,
+    write_files,
+    write_run,
+    write_simulation,
+)
 from . import audit as audit_of_text
-from .engine import DynamicsResult, EngineError, Failure, UnknownEngine, engine_version, routes
+from .engine import REFERENCE, DynamicsResult, EngineError, Failure, UnknownEngine, engine_version, routes
+from .options import count, seconds, several
+from .problem import pose
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, require_determinate
 from .run import run as run_scene
+from .simulate import simulate as simulate_problem
 from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
 from .trajectory import SAMPLES, TrajectoryError, from_file, from_scene
 
 UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
-
-MOST_SAMPLES = 1_000_000
-"""Beyond it the table of every number has a billion rows."""
 
 app = typer.Typer(
     add_completion=False,
@@ -51,13 +60,6 @@ def _console(stderr: bool = False) -> Console:
     return console if console.is_terminal else _Console(stderr=stderr, width=140)
 
 
-def _count(text: str) -> int:
-    """Value of --samples."""
-    if not (text.isdecimal() and len(text) < 10 and 1 <= int(text) <= MOST_SAMPLES):
-        raise typer.BadParameter(f"got {text!r}, expected a whole number from 1 to {MOST_SAMPLES}")
-    return int(text)
-
-
 @app.command(epilog="Example: crosscheck run hexapod --engine mujoco --engine pinocchio --samples 51 --out results")
 def run(
     scene: Scene = "hexapod",
@@ -69,7 +71,7 @@ def run(
     ] = None,
     samples: Annotated[
         int | None,
-        typer.Option(parser=_count, metavar="<int>", help=f"Samples of the scene's own motion. Default: {SAMPLES}."),
+        typer.Option(parser=count, metavar="<int>", help=f"Samples of the scene's own motion. Default: {SAMPLES}."),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")] = None,
 ) -> int:
@@ -136,6 +138,64 @@ def run(
             highlight=False,
         )
     print_verdict(report.agreement, console)
+    console.print(f"results: {folder}", highlight=False, markup=False, soft_wrap=True)
+    return report.status
+
+
+@app.command(
+    epilog="Example: crosscheck simulate hexapod --engine mujoco --engine pinocchio --duration 1 --out results"
+)
+def simulate(
+    scene: Scene = "hexapod",
+    engine: Annotated[
+        list[str] | None,
+        typer.Option(help="Engine to run; may be repeated. Default: all. The analytic solution always runs."),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(parser=seconds, metavar="<s>", help="Seconds. Default: those of the motion, or 1 without one."),
+    ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(parser=several, metavar="<int>", help=f"Output times, both ends included. Default: {SAMPLES}."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")] = None,
+) -> int:
+    """Simulate a scene in every engine under the same driving forces.
+
+    Forces are the scene's, or those of its motion; the start is [initial], or the motion's. Writes states.csv,
+    simulation.csv and run.json. Exit status: 0 all agree, 1 a disagreement, 2 unusable input, 3 an engine failed to
+    run, 4 an internal error.
+    """
+    require_free(out or Path("runs", "RUN_ID"))
+    loaded = load_scene(scene)
+    if loaded.forces is None:
+        require_determinate(loaded)
+    problem = pose(loaded, duration, samples or SAMPLES)
+    progress = _console(stderr=True)
+    with progress.status(f"{loaded.name}: {problem.duration:g} s"):
+        report = simulate_problem(
+            problem,
+            engine or (),
+            lambda line: progress.print(line, highlight=False, markup=False, soft_wrap=True),
+        )
+        folder = out or Path("runs") / report.info["run_id"]
+        progress.print(f"writing {folder}", highlight=False, markup=False, soft_wrap=True)
+        write_simulation(folder, report.simulation, report.states(), report.info)
+    console = _console()
+    console.print(
+        f"{loaded.name}: {problem.duration:g} s from {problem.start.source}; forces: {report.info['forces']}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
+    print_simulation(report.simulation, problem.duration, console)
+    for name in report.info["without_simulation"]:
+        certified = report.info["certified_samples"]
+        served = (
+            f": its forces at {certified} samples serve the accelerations" if name == REFERENCE and certified else ""
+        )
+        console.print(f"{name}: no simulation{served}", highlight=False, markup=False, style="dim", soft_wrap=True)
     console.print(f"results: {folder}", highlight=False, markup=False, soft_wrap=True)
     return report.status
 

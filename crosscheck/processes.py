@@ -9,11 +9,11 @@ import re
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from pebble import ProcessExpired, ProcessPool
@@ -32,6 +32,9 @@ from .engine import (
 )
 from .trajectory import Trajectory
 
+T = TypeVar("T")
+K = TypeVar("K")
+
 SECONDS, SECONDS_PER_SAMPLE = 60.0, 0.05
 """Time limit of one engine: some hundred times what the slowest needs here."""
 
@@ -45,26 +48,31 @@ def _output_to(path: str) -> Iterator[None]:
         yield
 
 
-def _work(
-    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, F: np.ndarray | None, log: str
-) -> DynamicsResult | Failure:
-    """Body of a worker process: inverse dynamics, or forward dynamics under driving forces."""
+def _work(log: str, task: Callable[..., T], args: tuple) -> T | Failure:
+    """Body of a worker process."""
     with _output_to(log):
         try:
-            engine = load_engine(name)
-            if F is None:
-                route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
-            else:
-                assert is_forward(engine)
-                route, result = engine.forward_route, engine(scene, models).forward_dynamics(trajectory, F)
-            require_complete(name, engine, route, scene, trajectory, result)
-            return result
+            return task(*args)
         except ImportError as e:
             return Failure(f"missing package: {e}")
         except EngineError as e:
             return Failure(str(e))
         except Exception as e:  # whatever an engine's library raises is that engine's failure
             return Failure(f"{type(e).__name__}: {e}")
+
+
+def dynamics(
+    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, F: np.ndarray | None
+) -> DynamicsResult:
+    """A task: inverse dynamics, or forward dynamics under driving forces."""
+    engine = load_engine(name)
+    if F is None:
+        route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
+    else:
+        assert is_forward(engine)
+        route, result = engine.forward_route, engine(scene, models).forward_dynamics(trajectory, F)
+    require_complete(name, engine, route, scene, trajectory, result)
+    return result
 
 
 @contextlib.contextmanager
@@ -94,15 +102,57 @@ def _death(exitcode: int | None, log: str) -> str:
     return f"its process died: {how}{last}"
 
 
-def _outcome(future: Future, log: str, limit: float) -> DynamicsResult | Failure:
-    try:
-        return future.result()
-    except TimeoutError:
-        return Failure(f"no answer within {limit:.0f} s")
-    except ProcessExpired as e:
-        return Failure(_death(e.exitcode, log))
-    except Exception as e:  # a result that cannot be sent back
-        return Failure(f"{type(e).__name__}: {e}")
+class Workers(Generic[K]):
+    """A process for each engine, which does one task after another; one that dies or is late is replaced."""
+
+    def __init__(self, engines: Iterable[str], limit: float) -> None:
+        # A spawned process shares nothing with this one. One pool each: no worker is shared or started in vain.
+        spawn = multiprocessing.get_context("spawn")
+        self._pools = {name: ProcessPool(max_workers=1, context=spawn) for name in engines}
+        self._limit = limit
+        self._running: dict[Any, tuple[K, str]] = {}
+        self._refused: list[tuple[K, Failure]] = []
+        self._count = 0
+
+    def __enter__(self) -> Workers[K]:
+        self._folder = tempfile.TemporaryDirectory(prefix="crosscheck-")
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for pool in self._pools.values():
+            pool.stop()  # also what still runs after an interrupt
+            pool.join()
+        self._folder.cleanup()
+
+    def start(self, engine: str, key: K, task: Callable[..., Any], *args: Any) -> None:
+        """Give an engine's process a task whose outcome `ended` tells under `key`."""
+        self._count += 1
+        log = str(Path(self._folder.name) / str(self._count))
+        try:
+            with _interrupts_ignored():
+                future = self._pools[engine].schedule(_work, args=(log, task, args), timeout=self._limit)
+            self._running[future] = key, log
+        except RuntimeError as e:  # no process could be started before, and none will
+            self._refused.append((key, Failure(f"{type(e).__name__}: {e}")))
+
+    def ended(self) -> Iterator[tuple[K, Any]]:
+        """Keys and outcomes, Failure among them, as tasks end; more of them may be started meanwhile."""
+        while self._running or self._refused:
+            while self._refused:
+                yield self._refused.pop(0)
+            for future in wait(self._running, return_when=FIRST_COMPLETED).done if self._running else ():
+                key, log = self._running.pop(future)
+                yield key, self._outcome(future, log)
+
+    def _outcome(self, future: Future, log: str) -> object:
+        try:
+            return future.result()
+        except TimeoutError:
+            return Failure(f"no answer within {self._limit:.0f} s")
+        except ProcessExpired as e:
+            return Failure(_death(e.exitcode, log))
+        except Exception as e:  # a result that cannot be sent back
+            return Failure(f"{type(e).__name__}: {e}")
 
 
 def run_engines(
@@ -116,58 +166,34 @@ def run_engines(
 
     Forward dynamics gets the driving forces of the certified reference, at its samples, once it has ended.
     """
-    limit = SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)
     results: dict[Key, DynamicsResult | Failure] = {}
-    # A spawned process shares nothing with this one. One pool each: no worker is shared or started in vain.
-    spawn = multiprocessing.get_context("spawn")
-    pools = {name: ProcessPool(max_workers=1, context=spawn) for name in engines}
-    running: dict[Any, Key] = {}
 
     def end(key: Key, result: DynamicsResult | Failure) -> None:
         results[key] = result
         done(*key, result)
 
-    try:
-        with tempfile.TemporaryDirectory(prefix="crosscheck-") as folder:
+    def start_forward(workers: Workers[Key], truth: DynamicsResult | Failure) -> None:
+        for name, engine in engines.items():
+            if not is_forward(engine):
+                continue
+            key = (name, engine.forward_route)
+            if isinstance(truth, DynamicsResult):
+                motion = trajectory.at(truth.samples).without_accelerations()
+                workers.start(name, key, dynamics, name, scene, models, motion, truth.F)
+            else:
+                end(key, Failure("no certified driving forces"))
 
-            def log(key: Key) -> str:
-                return str(Path(folder) / "-".join(key))
-
-            def start(key: Key, motion: Trajectory, F: np.ndarray | None) -> None:
-                args = (key[0], scene, models, motion, F, log(key))
-                try:
-                    with _interrupts_ignored():
-                        running[pools[key[0]].schedule(_work, args=args, timeout=limit)] = key
-                except RuntimeError as e:  # no process could be started before, and none will
-                    end(key, Failure(f"{type(e).__name__}: {e}"))
-
-            def start_forward(truth: DynamicsResult | Failure) -> None:
-                for name, engine in engines.items():
-                    if not is_forward(engine):
-                        continue
-                    key = (name, engine.forward_route)
-                    if isinstance(truth, DynamicsResult):
-                        start(key, trajectory.at(truth.samples).without_accelerations(), truth.F)
-                    else:
-                        end(key, Failure("no certified driving forces"))
-
-            for name, engine in engines.items():
-                start((name, engine.route), trajectory, None)
-            if REFERENCE not in engines:
-                start_forward(Failure(""))
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    key = running.pop(future)
-                    result = _outcome(future, log(key), limit)
-                    if isinstance(result, DynamicsResult) and key[1] != engines[key[0]].route:
-                        truth = results[REFERENCE, engines[REFERENCE].route]
-                        assert isinstance(truth, DynamicsResult)
-                        result = replace(result, samples=truth.samples)
-                    end(key, result)
-                    if key[0] == REFERENCE:
-                        start_forward(result)
-    finally:
-        for pool in pools.values():
-            pool.stop()  # also what still runs after an interrupt
-            pool.join()
+    with Workers[Key](engines, SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)) as workers:
+        for name, engine in engines.items():
+            workers.start(name, (name, engine.route), dynamics, name, scene, models, trajectory, None)
+        if REFERENCE not in engines:
+            start_forward(workers, Failure(""))
+        for key, result in workers.ended():
+            if isinstance(result, DynamicsResult) and key[1] != engines[key[0]].route:
+                truth = results[REFERENCE, engines[REFERENCE].route]
+                assert isinstance(truth, DynamicsResult)
+                result = replace(result, samples=truth.samples)
+            end(key, result)
+            if key[0] == REFERENCE:
+                start_forward(workers, result)
     return results

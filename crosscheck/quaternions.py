@@ -76,6 +76,14 @@ def exponential(x: Jet) -> Jet:
     return q, dq, ddq
 
 
+def of_angles(kind: str, x: Jet) -> Jet:
+    """Jet of `cardan_xyz` angles or of a `rotation_vector`, as in the scene file."""
+    if kind == "rotation_vector":
+        return exponential(x)
+    turns = [turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
+    return product(product(turns[0], turns[1]), turns[2])
+
+
 def sinc_series(order: int) -> list[float]:
     """Coefficients in n of the order-th derivative of sum (-n)^k / (2k+1)!, enough for n < 1/400."""
     terms = [(-1.0) ** k / float(np.prod(np.arange(1, 2 * k + 2, dtype=float))) for k in range(9)]

@@ -7,7 +7,7 @@ import os
 import platform
 import secrets
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -139,13 +139,8 @@ def run(
     table = compare.agreement(run_id, scene, trajectory, chosen, results)
     wider = of_forces(trajectory.condition, trajectory.sin_q_n)
     info = {
-        "run_id": run_id,
-        "started": started.isoformat(),
+        **provenance(run_id, started, scene, chosen),
         "seconds": perf_counter() - start,
-        "command": sys.argv,
-        "versions": _versions(chosen),
-        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
-        "scene": {"name": scene.name, "sha256": scene.sha256},
         "trajectory": {
             "source": trajectory.source,
             "samples": len(trajectory.t),
@@ -167,6 +162,18 @@ def run(
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status
     return report
+
+
+def provenance(run_id: str, started: datetime, scene: Scene, engines: Mapping[str, type[Engine] | Failure]) -> dict:
+    """What was run where, with which versions."""
+    return {
+        "run_id": run_id,
+        "started": started.isoformat(),
+        "command": sys.argv,
+        "versions": _versions(engines),
+        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "scene": {"name": scene.name, "sha256": scene.sha256},
+    }
 
 
 def _undetermined(scene: Scene, trajectory: Trajectory) -> str:
@@ -202,7 +209,7 @@ def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
     return {"samples": len(result.samples), "of": nt, "seed": SEED}
 
 
-def _versions(engines: dict[str, type[Engine] | Failure]) -> dict[str, str | None]:
+def _versions(engines: Mapping[str, type[Engine] | Failure]) -> dict[str, str | None]:
     packages = ("stewart-crosscheck", "numpy", "scipy", "pandas")
     found: dict[str, str | None] = {"python": platform.python_version()}
     found |= {name: version(name) for name in packages}

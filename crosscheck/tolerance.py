@@ -40,6 +40,33 @@ it has one sign for all. On regular poses the ratio was measured at 1.00."""
 LAW_LIMIT = 0.1
 """Share of the scale above which a bound from a law says nothing, and the theory of first order with it."""
 
+FOLLOWS = Tolerance(
+    "follows",
+    1e-11,
+    "m and rad in the first second, then growing with time, and as a small error of this motion does: adaptive steps"
+    " near round-off were measured at 4e-14 to 7e-13; steps of any size have the same rounding",
+)
+ENERGY = Tolerance(
+    "energy",
+    1e-11,
+    "of the energy exchanged: a hundred steps near round-off; it measures 3e-14 on the hexapod and 2e-13 in the plane",
+)
+QUADRATURE = Tolerance(
+    "quadrature",
+    1e-9,
+    "of the energy exchanged: the work of an engine is a quintic spline through the power at a hundred times a second,"
+    " measured at 1e-10",
+)
+ACCELERATIONS = Tolerance(
+    "accelerations",
+    1e-12,
+    "of the largest tip acceleration: two solutions in a row, with M and with J M^-1 J^T, whose condition is a few"
+    " hundred; measured below 2e-14",
+)
+
+NEAR = 0.1
+"""Of the longest leg, and rad: an error beyond it no longer falls with the step as its law says."""
+
 EASY_CONDITION = 40.0
 EASY_SIN_Q_N = 0.01
 EASY_SIN_Q_N_OF_LOOPS = 0.1

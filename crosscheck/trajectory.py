@@ -17,6 +17,7 @@ from ..models.tables import LARGEST, Component
 from . import quaternions
 from .quaternions import Jet, rotation
 from .trajectory_csv import POSE, RATES, TrajectoryError, read_columns, wanted_columns
+from .waves import sines
 
 SAMPLES = 201
 """Samples of a scene's own motion, unless another number is asked for."""
@@ -95,19 +96,6 @@ class Trajectory:
         )
 
 
-def _sines(components: tuple[Component, Component, Component], t: np.ndarray) -> Jet:
-    """Three components c0 + sum A sin(omega t + phi) and their two derivatives, each (nt, 3)."""
-    x, dx, ddx = (np.zeros((len(t), 3)) for _ in range(3))
-    for j, component in enumerate(components):
-        x[:, j] = component.c0
-        for amplitude, omega, phase in component.terms:
-            angle = omega * t + phase
-            x[:, j] += amplitude * np.sin(angle)
-            dx[:, j] += amplitude * omega * np.cos(angle)
-            ddx[:, j] -= amplitude * omega**2 * np.sin(angle)
-    return x, dx, ddx
-
-
 def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
     """A leg far shorter than its rod's tip or its lever on the platform is no leg, and q_s = L - a has no digits."""
     least = 1e-3 * np.maximum(abs(scene.leg.a), np.linalg.norm(r, axis=2))
@@ -117,7 +105,9 @@ def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
         raise SingularPose(sample, leg + 1, "length", float(L[sample, leg]), limit)
 
 
-def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def conditioning(
+    scene: Scene, position: np.ndarray, R: np.ndarray, inverse: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row-scaled condition of the equations for F (NaN unless N fits), whether one of them vanishes, least sin q_n.
 
     Each (nt,), from the geometry alone: tolerances hang on these numbers, and they must not come from the formulas
@@ -129,7 +119,7 @@ def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray) -> tuple[np.
     _require_length(scene, r, L[..., 0])
     spatial = scene.freedom == "spatial"
     sin_q_n = (np.hypot(l[..., 0], l[..., 2]) / L[..., 0]).min(axis=1) if spatial else np.ones(len(l))
-    if scene.platform_equations != scene.N:
+    if scene.platform_equations != scene.N or not inverse:
         return np.full(len(l), np.nan), np.zeros(len(l), dtype=bool), sin_q_n
     y = l / L
     rows = {"spatial": [0, 1, 2, 3, 4, 5], "planar": [0, 1, 5], "point": [0, 1]}[scene.freedom]
@@ -182,14 +172,21 @@ def _require_plane(scene: Scene, source: str, motion: PlatformMotion, q: np.ndar
 
 
 def _build(
-    scene: Scene, source: str, t: np.ndarray, p: Jet, q: np.ndarray, w: np.ndarray, dw: np.ndarray
+    scene: Scene,
+    source: str,
+    t: np.ndarray,
+    p: Jet,
+    q: np.ndarray,
+    w: np.ndarray,
+    dw: np.ndarray,
+    inverse: bool = True,
 ) -> Trajectory:
-    """Add the joint coordinates; refuse what has no inverse dynamics."""
+    """Add the joint coordinates; refuse what has no inverse dynamics, if that is wanted (else its condition is NaN)."""
     motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
     _require_plane(scene, source, motion, q)
     try:
         with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
-            condition, undetermined, sin_q_n = conditioning(scene, p[0], motion.R)
+            condition, undetermined, sin_q_n = conditioning(scene, p[0], motion.R, inverse)
         coordinates = _coordinates(scene, motion, q)
         if undetermined.any():
             analytic.driving_forces(scene.parameters, motion)  # no forces may give this motion
@@ -202,23 +199,39 @@ def _build(
     )  # fmt: skip
 
 
-def _turned(kind: str, x: Jet) -> Jet:
-    """Quaternion jet of `cardan_xyz` angles or of a `rotation_vector`, as in the scene file."""
-    if kind == "rotation_vector":
-        return quaternions.exponential(x)
-    turns = [quaternions.turn(axis, (x[0][:, axis], x[1][:, axis], x[2][:, axis])) for axis in range(3)]
-    return quaternions.product(quaternions.product(turns[0], turns[1]), turns[2])
+def along(scene: Scene, t: np.ndarray, inverse: bool = True) -> Trajectory:
+    """The scene's own motion at the times `t` (nt,) [s], in poses that have inverse dynamics. Raises TrajectoryError.
 
-
-def along(scene: Scene, t: np.ndarray) -> Trajectory:
-    """The scene's own motion at the times `t` (nt,) [s]. Raises TrajectoryError."""
+    Without `inverse` forward dynamics is all that the poses are asked for: it is regular where inverse dynamics is not.
+    """
     source = f"{scene.source}: motion"
     if scene.motion is None:
         raise TrajectoryError(f"{source}: missing, expected a [motion] table or a trajectory file")
     orientation = scene.motion.orientation
-    x = _sines(orientation.components if orientation else _UNTURNED, t)
-    q = _turned(orientation.kind if orientation else "rotation_vector", x)
-    return _build(scene, source, t, _sines(scene.motion.position, t), q[0], *quaternions.angular(q))
+    x = sines(orientation.components if orientation else _UNTURNED, t)
+    q = quaternions.of_angles(orientation.kind if orientation else "rotation_vector", x)
+    return _build(scene, source, t, sines(scene.motion.position, t), q[0], *quaternions.angular(q), inverse)
+
+
+def driving_forces(scene: Scene, t: np.ndarray) -> np.ndarray:
+    """Closed-form driving forces (nt, N) [N] of the scene's own motion at the times `t`; `along` says if it has any."""
+    return analytic.driving_forces(scene.parameters, along(scene, t, inverse=False).motion)
+
+
+def initial(scene: Scene) -> Trajectory:
+    """Start of a simulation, one sample at t = 0: [initial], or the scene's own motion. Raises TrajectoryError."""
+    start = scene.initial
+    if start is None:
+        if scene.motion is None:
+            raise TrajectoryError(f"{scene.source}: initial: missing, expected an [initial] or a [motion] table")
+        return along(scene, np.zeros(1), inverse=False)
+    zero = np.zeros((1, 3))
+    orientation = start.orientation
+    angles = np.array([orientation.angles]) if orientation else zero
+    q = quaternions.of_angles(orientation.kind if orientation else "rotation_vector", (angles, zero, zero))[0]
+    p = (np.array([start.position]), np.array([start.velocity]), zero)
+    w = np.array([start.angular_velocity])
+    return _build(scene, f"{scene.source}: initial", np.zeros(1), p, q, w, zero, inverse=False)
 
 
 def from_scene(scene: Scene, samples: int = SAMPLES) -> Trajectory:

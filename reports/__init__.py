@@ -1,15 +1,27 @@
 """Tables out: files and terminal. Knows tables, not dynamics."""
 
 from .audit import print_audit
-from .files import AGREEMENT_COLUMNS, OutputError, require_free, write_files, write_run
+from .files import (
+    AGREEMENT_COLUMNS,
+    SIMULATION_COLUMNS,
+    OutputError,
+    require_free,
+    write_files,
+    write_run,
+    write_simulation,
+)
+from .simulation import print_simulation
 from .terminal import print_verdict
 
 __all__ = [
     "AGREEMENT_COLUMNS",
+    "SIMULATION_COLUMNS",
     "OutputError",
     "print_audit",
+    "print_simulation",
     "print_verdict",
     "require_free",
     "write_files",
     "write_run",
+    "write_simulation",
 ]

@@ -18,6 +18,13 @@ AGREEMENT_COLUMNS = [
     "max_abs", "rms", "max_rel", "scale", "tolerance", "tolerance_name", "verdict", "us_per_sample",
 ]  # fmt: skip
 
+SIMULATION_COLUMNS = [
+    "run_id", "scene", "engine", "engine_version", "route", "setting", "integrator", "dt", "against", "pose_error",
+    "rotation_error", "order", "judged_until", "loop_gap", "energy_defect", "wall_per_second", "a_error", "alpha_error",
+    "growth_mean", "growth_max", "amplification", "tolerance_pose", "tolerance_rotation", "tolerance_name", "verdict",
+    "reason",
+]  # fmt: skip
+
 
 class OutputError(ValueError):
     """A folder that results cannot go to: the message names it, what was found and what is expected."""
@@ -113,4 +120,12 @@ def write_run(folder: Path, agreement: pd.DataFrame, samples: Iterable[pd.DataFr
                 header = False
             if header:
                 file.write("engine,route,t,leg,quantity,component,value,radius\n")
+        (staging / "run.json").write_text(json.dumps(info, indent=2) + "\n", encoding="utf-8")
+
+
+def write_simulation(folder: Path, simulation: pd.DataFrame, states: pd.DataFrame, info: Mapping[str, Any]) -> None:
+    """simulation.csv, states.csv (17 significant digits) and run.json. Raises OutputError."""
+    with _whole(folder) as staging:
+        simulation[SIMULATION_COLUMNS].to_csv(staging / "simulation.csv", index=False)
+        states.to_csv(staging / "states.csv", index=False, float_format="%.17g")
         (staging / "run.json").write_text(json.dumps(info, indent=2) + "\n", encoding="utf-8")

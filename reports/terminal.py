@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-_STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported": "dim"}
+STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported": "dim"}
 
 
 _FORWARD = "a"
@@ -20,7 +20,7 @@ def _cell(row: pd.Series) -> str:
         text += f" ≤ {row['tolerance']:.0e}"
     if row["verdict"] == "fail":
         text += " FAIL"
-    return f"[{_STYLE[row['verdict']]}]{text}[/]"
+    return f"[{STYLE[row['verdict']]}]{text}[/]"
 
 
 def _table(agreement: pd.DataFrame, engines: pd.DataFrame) -> Table:
@@ -78,12 +78,17 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
             highlight=False,
             soft_wrap=True,
         )
+    print_reasons(agreement, console)
+
+
+def print_reasons(rows: pd.DataFrame, console: Console) -> None:
+    """Print why rows are in error or unsupported, once for each engine and route, and the verdict."""
     for verdict, style in (("error", "yellow"), ("unsupported", "dim")):
-        for name, rows in agreement[agreement["verdict"] == verdict].groupby(["engine", "route"], sort=False):
+        for name, group in rows[rows["verdict"] == verdict].groupby(["engine", "route"], sort=False):
             what = f"{verdict.upper()}[/] {' '.join(map(str, name)).strip()}"
-            console.print(f"[{style}]{what}: {escape(rows['reason'].iloc[0])}", highlight=False, soft_wrap=True)
-    counts = agreement["verdict"].value_counts().to_dict()
-    summary = ", ".join(f"{counts[v]} {v}" for v in _STYLE if v in counts)
+            console.print(f"[{style}]{what}: {escape(group['reason'].iloc[0])}", highlight=False, soft_wrap=True)
+    counts = rows["verdict"].value_counts().to_dict()
+    summary = ", ".join(f"{counts[v]} {v}" for v in STYLE if v in counts)
     ok = set(counts) <= {"pass", "unsupported"}
     console.print(
         f"[{'bold green' if ok else 'bold red'}]{'all agree' if ok else 'not all agree'}[/]: {summary}", highlight=False

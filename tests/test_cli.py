@@ -417,7 +417,7 @@ def test_engines_lists_every_engine_with_route_and_version(command: Command) -> 
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 
-@pytest.mark.parametrize("name", ["run", "audit", "models", "scenes", "engines"])
+@pytest.mark.parametrize("name", ["run", "simulate", "audit", "models", "scenes", "engines"])
 def test_every_command_has_help_with_an_example(command: Command, name: str) -> None:
     status, out, err = command(name, "--help")
     assert (status, err) == (0, "")
@@ -428,12 +428,16 @@ def test_every_command_has_help_with_an_example(command: Command, name: str) -> 
 def test_help_names_every_command(command: Command, args: tuple[str, ...]) -> None:
     status, out, _ = command(*args)
     assert status == 0
-    assert all(re.search(rf"^\W*{name} ", out, flags=re.M) for name in ("run", "audit", "models", "scenes", "engines"))
+    assert all(
+        re.search(rf"^\W*{name} ", out, flags=re.M)
+        for name in ("run", "simulate", "audit", "models", "scenes", "engines")
+    )
 
 
 def test_the_help_test_covers_every_command() -> None:
     assert {c.callback.__name__ for c in cli.app.registered_commands if c.callback} == {
         "run",
+        "simulate",
         "audit",
         "models",
         "scenes",

@@ -14,17 +14,23 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms, tree_facts
-from ..native import Answer, SolverEngine, in_plane, mobility
+from ..native import Answer, in_plane
+from ..problem import Problem, Staged
+from ..stepping import Seen, SteppingEngine
+from ..time_step import defects
 from ..trajectory import Trajectory
 
 TIME_STEP = 1e-6
 """Of World.step, s: the error is proportional to it, and rounding of velocities, divided by it, is a hundredth yet."""
 
+REDUCTION = 0.2
+"""Error reduction (ERP) of simulations: the share of a gap that a step takes back. Without it gaps add up."""
+
 MIXING = 1e-9
 """Constraint force mixing: the least that DART takes; a row yields by as much of its own J M^-1 J^T, and of 1/kg."""
 
 
-class DartEngine(SolverEngine):
+class DartEngine(SteppingEngine):
     """The skeleton of the URDF, closed by the points of the loop list."""
 
     name: ClassVar[str] = "dart"
@@ -33,7 +39,7 @@ class DartEngine(SolverEngine):
     law: ClassVar[Law] = Law(
         "time_step",
         "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of a"
-        " state beside the wanted one (see `_defects`); the error was measured at 1.00 times this law from 1e-3 to"
+        " state beside the wanted one (see `defects`); the error was measured at 1.00 times this law from 1e-3 to"
         " 1e-7 s",
     )
 
@@ -154,17 +160,14 @@ class DartEngine(SolverEngine):
         tau = np.zeros_like(state.v)
         tau[:, self.actuated()] = F
         a, M, loop_forces = np.empty_like(tau), np.empty((*tau.shape, tau.shape[1])), np.zeros((len(F), scene.N, 3))
-        with self._world(state) as world:
+        with self._world(state, dt, 0.0) as world:
             for k in range(len(F)):
                 self._set(state, k)
                 M[k] = sk.getMassMatrix()
                 sk.integratePositions(-dt)
                 R: list[np.ndarray] = []
                 for _ in range(2):
-                    sk.setForces(tau[k])  # a step clears forces and load
-                    if scene.load:
-                        self.platform.addExtForce(np.array(scene.load.force), np.array(scene.load.point), False, True)
-                        self.platform.addExtTorque(np.array(scene.load.moment), False)
+                    self._push(tau[k])
                     R = [rod.getWorldTransform().rotation() for rod, _ in rods]
                     world.step(True)
                 a[k] = sk.getAccelerations()
@@ -176,16 +179,17 @@ class DartEngine(SolverEngine):
                     force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
                     loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
         # Velocities are rounded before they are divided by the time step.
-        return Answer(a, loop_forces, M, *self._defects(state, terms, M, a, loop_forces), condition=1.0 / dt)
+        left = defects(self, state, terms, M, a, loop_forces, dt, MIXING)
+        return Answer(a, loop_forces, M, *left, condition=1.0 / dt)
 
     @contextlib.contextmanager
-    def _world(self, state: State) -> Iterator[Any]:
+    def _world(self, state: State, dt: float, reduction: float) -> Iterator[Any]:
         """A world of this skeleton, closed at the first sample's pose; what is global in DART is put back after."""
         dart, sk = self.dart, self.skeleton
         joint = dart.constraint.BallJointConstraint
         world = dart.simulation.World()
         world.setGravity(sk.getGravity())  # it overwrites the skeleton's
-        world.setTimeStep(self.time_step)
+        world.setTimeStep(dt)
         awake = world.getDeactivationOptions()
         awake.mEnabled = False
         world.setDeactivationOptions(awake)
@@ -195,7 +199,7 @@ class DartEngine(SolverEngine):
         before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
         solver = world.getConstraintSolver()
         try:
-            joint.setErrorReductionParameter(0.0)
+            joint.setErrorReductionParameter(reduction)
             joint.setConstraintForceMixing(MIXING)
             for (rod, tip), (platform, _) in self.loops:
                 solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
@@ -206,43 +210,56 @@ class DartEngine(SolverEngine):
             solver.removeAllConstraints()  # before the skeleton goes
             world.removeSkeleton(sk)
 
-    def _defects(
-        self, state: State, terms: Terms, M: np.ndarray, a: np.ndarray, loop_forces: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Force and closure defect of the second step, by Taylor's series in the time step.
+    def _push(self, tau: np.ndarray) -> None:
+        """Forces and load of the next step, which clears them."""
+        self.skeleton.setForces(tau)
+        if load := self.scene.load:
+            self.platform.addExtForce(np.array(load.force), np.array(load.point), False, True)
+            self.platform.addExtTorque(np.array(load.moment), False)
 
-        Written with w = J'[v] v, which is dJ v.  The first step starts with J v = -dt w at the earlier pose and takes
-        that away: its acceleration is a_1 = a + M^-1 J^T p with p = 2 A^-1 w, A = J M^-1 J^T.  So the second one starts
-        beside the wanted state, at v + dt a_1 and, by dt^2 a_1, at another pose.  What it solves there:
+    def mass_matrix(self, state: State) -> np.ndarray:
+        """``getMassMatrix``."""
+        M = np.empty((*state.v.shape, state.v.shape[1]))
+        for k in range(len(M)):
+            self._set(state, k)
+            M[k] = self.skeleton.getMassMatrix()
+        return M
 
-        - forces are in balance: the force defect is the difference of the terms here and there;
-        - J v stays zero from the earlier pose to this one, and not at a point: J a + J'[v] v is dt J''[v, v] v / 2;
-        - DART takes the lever of the platform to the rod's tip, across the gap: dt^2 w / 2 and dt^2 w before the two
-          steps give dt (omega x w) / 2;
-        - mixing yields by C = CFM (1/kg + diag A) per force, alike in both steps but for p: C p.
+    def see(self, state: State) -> Seen:
+        """Transform and velocity of the platform, ``computeKineticEnergy``, ``computePotentialEnergy``."""
+        sk, platform = self.skeleton, self.platform
+        out = Seen.empty(len(state.q))
+        for k in range(len(state.q)):
+            self._set(state, k)
+            T = platform.getWorldTransform()
+            out.position[k], out.rotation[k] = T.translation(), T.rotation()
+            out.velocity[k], out.angular_velocity[k] = platform.getLinearVelocity(), platform.getAngularVelocity()
+            out.kinetic[k], out.potential[k] = sk.computeKineticEnergy(), sk.computePotentialEnergy()
+        return out
+
+    native_dt, native_order = 4e-4, 1
+    native_integrator = "World.step"
+    native_setting = f"BallJointConstraint, ERP {REDUCTION:g}, CFM {MIXING:g}, F of the middle of a step"
+
+    def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
+        """``World.step``, semi-implicit Euler.
+
+        A step projects the velocity onto J v = 0 at the pose before it: what the first one makes of a velocity that is
+        consistent at this pose, or one step earlier, is the same.
         """
-        dt, axes = self.time_step, list(self.scene.loop_axes)
+        sk, start, tau = self.skeleton, self.state(problem.start), np.zeros(self.scene.nv)
+        n, actuated = len(problem.grid), self.actuated()
+        q, v = np.empty((2, n, self.scene.nv))
+        with self._world(start, F.dt, REDUCTION) as world:
+            for k in range(n):
+                q[k], v[k] = sk.getPositions(), sk.getVelocities()
+                for step in range(steps if k < n - 1 else 0):
+                    tau[actuated] = F.values[2 * (k * steps + step) + 1]
+                    self._push(tau)
+                    world.step(True)
+        return State(q, v, np.zeros_like(v))
 
-        def rows(x: np.ndarray) -> np.ndarray:
-            return x[..., axes].reshape(len(x), -1)
-
-        v, J, w = state.v, terms.J, terms.gap_acceleration
-        A = mobility(M, J)
-        p = 2.0 * np.linalg.solve(A, rows(w)[..., None])
-        a_1 = a + np.linalg.solve(M, J.transpose(0, 2, 1) @ p)[..., 0]
-        here = self.terms(State(state.q, v, a))
-        there = self.terms(State(self._moved(state.q, a_1, dt * dt), v + dt * a_1, a))
-        later, earlier = (
-            self.terms(State(self._moved(state.q, v, step), v, 0 * a)).gap_acceleration for step in (dt, -dt)
-        )
-        ddJ = (later - earlier) / (2.0 * dt)
-        lever = np.cross(self._in_world(v)[:, None, 3:], w)
-        closure = rows(here.gap_acceleration - there.gap_acceleration + 0.5 * dt * (ddJ + lever))
-        force = here.tau - there.tau + np.einsum("tij,ti->tj", there.J - J, rows(loop_forces))
-        mixing = MIXING * (1.0 + np.einsum("tii->ti", A)) * p[..., 0]
-        return force, closure + mixing
-
-    def _moved(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
+    def moved(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
         """Positions after so many seconds at velocities (nt, nv)."""
         state, out = State(q, v, np.zeros_like(v)), np.empty_like(q)
         for k in range(len(out)):
@@ -251,7 +268,7 @@ class DartEngine(SolverEngine):
             out[k] = self.skeleton.getPositions()
         return out
 
-    def _in_world(self, x: np.ndarray) -> np.ndarray:
+    def in_world(self, x: np.ndarray) -> np.ndarray:
         """Linear and angular part (nt, 6) of the platform's velocities or accelerations, which are in world axes."""
         j = self.velocity_index(self.scene.platform_coordinates[0] if self.scene.freedom == "point" else "platform")
         if self.scene.freedom != "spatial":
@@ -260,7 +277,7 @@ class DartEngine(SolverEngine):
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes."""
-        return self._in_world(a)
+        return self.in_world(a)
 
     def _set(self, state: State, k: int) -> None:
         """State of one sample; DART only prints when it refuses one, so what it holds is read back."""

@@ -17,7 +17,9 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms
-from ..native import Answer, SolverEngine, in_plane, mobility
+from ..native import Answer, in_plane, mobility
+from ..problem import Problem, Staged
+from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
 
 IMPEDANCE = 0.9999
@@ -27,7 +29,7 @@ TOLERANCE = 1e-15
 """Of the Newton solver: its one step is exact here, as no loop can open or slip; 0 would repeat it a hundred times."""
 
 
-class MujocoEngine(SolverEngine):
+class MujocoEngine(SteppingEngine):
     """qfrc and efc_J from ``mj_inverse``, reactions from ``mj_rnePostConstraint``; loops: `connect` between sites."""
 
     name: ClassVar[str] = "mujoco"
@@ -166,6 +168,71 @@ class MujocoEngine(SolverEngine):
             return in_plane(a[:, [self.velocity_index(name) for name in self.scene.platform_coordinates]])
         j = self.velocity_index("platform")
         return np.hstack([a[:, j : j + 3], np.einsum("tij,tj->ti", trajectory.rotation, a[:, j + 3 : j + 6])])
+
+    def mass_matrix(self, state: State) -> np.ndarray:
+        """``mj_fullM``."""
+        mj, m, d = self.mj, self.model, self.data
+        M = np.empty((len(state.q), m.nv, m.nv))
+        for k, q in enumerate(state.q):
+            d.qpos = q
+            mj.mj_fwdPosition(m, d)
+            mj.mj_fullM(m, d, M[k])
+        return M
+
+    def see(self, state: State) -> Seen:
+        """Pose and velocity of the platform's body, ``mj_energyPos``, ``mj_energyVel``."""
+        mj, m, d = self.mj, self.model, self.data
+        out, twist = Seen.empty(len(state.q)), np.empty(6)
+        for k in range(len(state.q)):
+            self._evaluate(state, k)
+            mj.mj_energyPos(m, d)
+            mj.mj_energyVel(m, d)
+            mj.mj_objectVelocity(m, d, mj.mjtObj.mjOBJ_XBODY, self.platform, twist, 0)
+            out.position[k], out.rotation[k] = d.xpos[self.platform], d.xmat[self.platform].reshape(3, 3)
+            out.angular_velocity[k], out.velocity[k] = twist[:3], twist[3:]
+            out.potential[k], out.kinetic[k] = d.energy
+        return out
+
+    native_dt, native_order = 1e-3, 2
+    native_integrator = "mj_step RK4"
+    native_setting = f"Newton, tolerance {TOLERANCE:g}, solimp {IMPEDANCE:g}, solref timeconst 2 dt, F at the stages"
+
+    def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
+        """``mj_step``, forces and load set by its control callback, which every stage calls.
+
+        Soft loops sag by (1 - d) timeconst^2 of the acceleration that loads them: of second order as the time constant
+        is two steps, the least that MuJoCo takes.
+        """
+        mj, m = self.mj, copy.copy(self.model)
+        m.opt.integrator = mj.mjtIntegrator.mjINT_RK4
+        m.opt.timestep, m.opt.tolerance = F.dt, TOLERANCE
+        m.opt.disableflags |= mj.mjtDisableBit.mjDSBL_AUTORESET
+        m.eq_solimp[:, :2], m.eq_solref[:] = self.impedance, (2.0 * F.dt, 1.0)
+        d = mj.MjData(m)
+        motors = [m.actuator(f"F{i}").id for i in self.scene.legs]
+        start = self.state(problem.start)
+        d.qpos, d.qvel = start.q[0], start.v[0]
+        n = len(problem.grid)
+        q, v = np.empty((n, m.nq)), np.empty((n, m.nv))
+        q[0], v[0] = d.qpos, d.qvel
+
+        def control(_: Any, d: Any) -> None:
+            d.ctrl[motors] = F(d.time)
+            d.qfrc_applied = self._load(d)
+
+        before = mj.get_mjcb_control()
+        mj.set_mjcb_control(control)
+        try:
+            for k in range(1, n):
+                d.time = problem.grid[k - 1]  # not the sum of so many steps
+                for _ in range(steps):
+                    mj.mj_step(m, d)
+                self._require_quiet(d)
+                self._require_rows(d)
+                q[k], v[k] = d.qpos, d.qvel
+        finally:
+            mj.set_mjcb_control(before)
+        return State(q, v, np.zeros_like(v))
 
     def _evaluate(self, state: State, k: int) -> None:
         """Everything that MuJoCo derives from one state."""

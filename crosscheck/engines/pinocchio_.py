@@ -13,14 +13,16 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms, tree_facts
-from ..native import Answer, SolverEngine, in_plane, mobility
+from ..native import Answer, in_plane, mobility
+from ..problem import Problem, Staged
+from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
 
 MU, ITERATIONS = 1e-10, 5
 """Proximal parameter (1/kg) and steps. mu = 0 is exact in space and NaN in a plane, whose loops have a zero row."""
 
 
-class PinocchioEngine(SolverEngine):
+class PinocchioEngine(SteppingEngine):
     """The tree of the URDF, closed by the points of the loop list."""
 
     name: ClassVar[str] = "pinocchio"
@@ -49,6 +51,14 @@ class PinocchioEngine(SolverEngine):
         self.platform = self.model.getJointId("platform_y" if scene.freedom == "point" else "platform")
         self.data = self.model.createData()
         self.mu, self.iterations = MU, ITERATIONS
+        self.closures, self.closure_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        for tip, pinned in ([self.model.frames[f] for f in ends] for ends in self.loops):
+            ends = (tip.parentJoint, tip.placement, pinned.parentJoint, pinned.placement)
+            world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            self.closures.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self.model, *ends, world))
+            self.closure_data.append(self.closures[-1].createData())
+        self.solver_data = self.model.createData()
+        pin.initConstraintDynamics(self.model, self.solver_data, self.closures, self.closure_data)
 
     def _add_frame(self, loop: str, end: Mapping[str, Any]) -> int:
         """One end of a loop: a point of a link, with the axes of its joint."""
@@ -151,33 +161,30 @@ class PinocchioEngine(SolverEngine):
 
     def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
         """``constraintDynamics`` under driving forces and load, both as generalized forces."""
-        pin, m, d, scene = self.pin, self.model, self.model.createData(), self.scene
-        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        loops, held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-        for tip, pinned in ([m.frames[f] for f in ends] for ends in self.loops):
-            ends = (tip.parentJoint, tip.placement, pinned.parentJoint, pinned.placement)
-            loops.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, m, *ends, world))
-            held.append(loops[-1].createData())
-        pin.initConstraintDynamics(m, d, loops, held)
+        a, loop_forces = self._solved(state, F)
+        M = self.mass_matrix(state)
+        A = mobility(M, terms.J)
+        shrink = np.linalg.solve(A + self.mu * np.eye(self.scene.nc), self.mu * np.eye(self.scene.nc))
+        left = loop_forces[..., list(self.scene.loop_axes)].reshape(len(F), -1, 1)
+        for _ in range(self.iterations):
+            left = shrink @ left
+        return Answer(a, loop_forces, M, np.zeros_like(a), -(A @ left)[..., 0])
+
+    def _solved(self, state: State, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations (nt, nv) and loop forces (nt, N, 3) of ``constraintDynamics``."""
+        pin, m, d, scene = self.pin, self.model, self.solver_data, self.scene
         tau = np.zeros_like(state.v)
         tau[:, self.actuated()] = F
-        a, M, loop_forces = np.empty_like(tau), np.empty((*tau.shape, m.nv)), np.empty((len(F), scene.N, 3))
+        a, loop_forces = np.empty_like(tau), np.empty((len(F), scene.N, 3))
         for k, (q, v) in enumerate(zip(state.q, state.v, strict=True)):
             if scene.load:
                 pin.computeJointJacobians(m, self.data, q)
                 J = pin.getJointJacobian(m, self.data, self.platform, pin.ReferenceFrame.LOCAL)
                 tau[k] += J.T @ self._load()[self.platform].vector
             steps = pin.ProximalSettings(0.0, self.mu, self.iterations)
-            a[k] = pin.constraintDynamics(m, d, q, v, tau[k], loops, held, steps)
-            loop_forces[k] = [loop.contact_force.linear for loop in held]
-            upper = np.triu(pin.crba(m, self.data, q))
-            M[k] = upper + np.triu(upper, 1).T
-        A = mobility(M, terms.J)
-        shrink = np.linalg.solve(A + self.mu * np.eye(scene.nc), self.mu * np.eye(scene.nc))
-        left = loop_forces[..., list(scene.loop_axes)].reshape(len(F), scene.nc, 1)
-        for _ in range(self.iterations):
-            left = shrink @ left
-        return Answer(a, loop_forces, M, np.zeros_like(a), -(A @ left)[..., 0])
+            a[k] = pin.constraintDynamics(m, d, q, v, tau[k], self.closures, self.closure_data, steps)
+            loop_forces[k] = [loop.contact_force.linear for loop in self.closure_data]
+        return a, loop_forces
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """From spatial, in body axes, to the acceleration of the point in world axes."""
@@ -191,6 +198,33 @@ class PinocchioEngine(SolverEngine):
             linear, angular = a[:, j : j + 3], a[:, j + 3 : j + 6]
         linear, angular = (np.einsum("tij,tj->ti", trajectory.rotation, x) for x in (linear, angular))
         return np.hstack([linear + np.cross(trajectory.angular_velocity, trajectory.velocity), angular])
+
+    def mass_matrix(self, state: State) -> np.ndarray:
+        """``crba``, which fills the upper triangle."""
+        pin, m = self.pin, self.model
+        upper = np.triu([pin.crba(m, self.data, q) for q in state.q])
+        return upper + np.triu(upper, 1).transpose(0, 2, 1)
+
+    def see(self, state: State) -> Seen:
+        """Placement and velocity of the platform's joint, ``computeKineticEnergy``, ``computePotentialEnergy``."""
+        pin, m, d = self.pin, self.model, self.data
+        out = Seen.empty(len(state.q))
+        for k, (q, v) in enumerate(zip(state.q, state.v, strict=True)):
+            out.kinetic[k] = pin.computeKineticEnergy(m, d, q, v)
+            out.potential[k] = pin.computePotentialEnergy(m, d, q)
+            at = d.oMi[self.platform]
+            twist = pin.getVelocity(m, d, self.platform, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            out.position[k], out.rotation[k] = at.translation, at.rotation
+            out.velocity[k], out.angular_velocity[k] = twist.linear, twist.angular
+        return out
+
+    native_dt, native_order = 4e-3, 4
+    native_integrator = "RK4"
+    native_setting = f"constraintDynamics, mu {MU:g}, {ITERATIONS} iterations; steps not Pinocchio's, it has none"
+
+    def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
+        """Pinocchio has no steps in time: its solver at the stages of ours."""
+        return self.runge_kutta(problem, F, steps, lambda state, F: self._solved(state, F)[0])
 
     def _load(self) -> Any:
         """Outside forces of the scene's load; the placement of the platform must be current."""
