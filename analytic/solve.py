@@ -98,13 +98,15 @@ def without_vanishing_rows(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     it, as two collinear ones are.
     """
     length = np.linalg.norm(A, axis=2)
-    rank = (length > 0.0).sum(axis=1)
+    rank = (A != 0.0).any(axis=2).sum(axis=1)  # by the entries: a norm underflows
     length[:, :2] = length[:, :2].max(axis=1, keepdims=True)
     length[length == 0.0] = 1.0
     sigma = np.linalg.svd(A / length[..., None], compute_uv=False)
     smallest = np.take_along_axis(sigma, np.maximum(rank - 1, 0)[:, None], axis=1)[:, 0]
     with np.errstate(divide="ignore"):
-        return sigma[:, 0] / np.abs(smallest), rank < A.shape[1]
+        condition = sigma[:, 0] / np.abs(smallest)
+    condition[rank < A.shape[1] - 1] = np.inf  # more than one combination would be free
+    return condition, rank < A.shape[1]
 
 
 def solve_determined(

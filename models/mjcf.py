@@ -24,11 +24,11 @@ def to_text(root: ET.Element) -> str:
 
 
 FLOOR = 1e-15
-"""Smallest moment of inertia that MuJoCo compiles [kg m^2]; stands where a scene says zero."""
+"""Smallest moment of inertia that MuJoCo compiles [kg m^2]; stands where a scene says less."""
 
 
 def _inertial(body: ET.Element, mass: float, com: Iterable[float], **inertia: Iterable[float]) -> None:
-    moments = {kind: numbers(v if kind == "fullinertia" else (x or FLOOR for x in v)) for kind, v in inertia.items()}
+    moments = {kind: numbers(v if kind == "fullinertia" else (max(x, FLOOR) for x in v)) for kind, v in inertia.items()}
     ET.SubElement(body, "inertial", {"mass": repr(mass), "pos": numbers(com), **moments})
 
 

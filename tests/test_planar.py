@@ -285,6 +285,24 @@ def test_nearly_collinear_legs_are_refused(collinear: Scene) -> None:
         analytic.inverse_dynamics(collinear.parameters, motion._replace(C_p=motion.C_p + np.array([0.0, 1e-13, 0.0])))
 
 
+def test_a_height_whose_square_underflows_is_no_exact_zero(collinear: Scene) -> None:
+    data = collinear.model_dump(by_alias=True)
+    data["motion"]["position"] = (*data["motion"]["position"][:1], {"c0": 1e-200}, {})
+    with pytest.raises(TrajectoryError, match="singular pose"):
+        from_scene(Scene.model_validate(data), 3)
+
+
+def test_a_bar_and_its_legs_in_one_line_are_refused() -> None:
+    """Forces along y_r and moments both vanish: two combinations would be free."""
+    data = load_scene("planar3").model_dump(by_alias=True)
+    data["gravity"] = (0.0, 0.0, 0.0)
+    data["hull"]["pins"] = ((0.0, 0.0, 0.0), (-0.2, 0.0, 0.0), (3.0, 0.0, 0.0))
+    data["motion"]["position"] = ({"c0": 1.3, "terms": ((0.1, 3.0, 0.0),)}, {}, {})
+    data["motion"]["orientation"]["components"] = ({}, {}, {})
+    with pytest.raises(TrajectoryError, match="singular pose"):
+        from_scene(Scene.model_validate(data), 3)
+
+
 def test_a_singular_run_says_what_it_compares(collinear: Scene) -> None:
     info = run(collinear, from_scene(collinear, 3), ["analytic"]).info
     assert info["trajectory"]["undetermined"] == (

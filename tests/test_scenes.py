@@ -92,6 +92,16 @@ def test_the_inertia_that_mujoco_wants_changes_nothing_that_counts() -> None:
     assert errors[-1] / floors[-1] * FLOOR < 1e-14
 
 
+def test_an_inertia_below_mujocos_floor_is_raised_to_it() -> None:
+    pytest.importorskip("mujoco")
+    data = load_scene("tsai2000").model_dump(by_alias=True, exclude_none=True)
+    data["leg"]["guide"]["J_y"] = 1e-16
+    scene = Scene.model_validate(data)
+    facts = load_engine("mujoco")(scene).inverse_dynamics(from_scene(scene, 1)).model
+    assert facts is not None
+    assert facts.floors == (f"{FLOOR:g} kg m^2 in place of a zero moment of inertia, bodies: 12",)
+
+
 def test_a_link_that_does_not_say_zero_would_weigh_a_kilogram_in_dart() -> None:
     """Why the massless links carry an explicit zero: the same URDF without it is another machine."""
     pytest.importorskip("dartpy")

@@ -57,7 +57,7 @@ class MujocoEngine(SteppingEngine):
         """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
         m, scene = self.model, self.scene
         floors = []
-        if count := int((m.body_inertia[1:] == FLOOR).any(axis=1).sum()):
+        if count := int((m.body_inertia[1:] <= FLOOR).any(axis=1).sum()):
             floors.append(f"{FLOOR:g} kg m^2 in place of a zero moment of inertia, bodies: {count}")
         rows = 3 * m.neq
         if rows > scene.nc:
