@@ -115,7 +115,8 @@ def equation(key: str, states: str, where: str, scenes: tuple[str, ...], residua
     return Row(key, "equation", key, states, _names(where), scenes, residual, more.pop("tolerance", LOADS), **more)
 
 
-def misprint(
+def _two_readings(
+    kind: Kind,
     key: str,
     number: str,
     states: str,
@@ -124,23 +125,18 @@ def misprint(
     readings: tuple[Measure, Measure],
     **more: Any,
 ) -> Row:
-    """Row of a misprint that changes a number of an equation; ``readings``: the correct one, the printed one."""
-    tolerance = more.pop("tolerance", LOADS)
-    return Row(key, "misprint", number, states, _names(where), scenes, readings[0], tolerance, readings[1], **more)
+    correct, other = readings
+    return Row(key, kind, number, states, _names(where), scenes, correct, more.pop("tolerance", LOADS), other, **more)
 
 
-def control(
-    key: str,
-    number: str,
-    states: str,
-    where: str,
-    scenes: tuple[str, ...],
-    readings: tuple[Measure, Measure],
-    **more: Any,
-) -> Row:
-    """Row of a deliberate mistake that must show; ``readings``: the correct one, the wrong one."""
-    tolerance = more.pop("tolerance", LOADS)
-    return Row(key, "control", number, states, _names(where), scenes, readings[0], tolerance, readings[1], **more)
+def misprint(*row: Any, **more: Any) -> Row:
+    """Row of a misprint: key, number, states, where, scenes and the readings, the correct and the printed one."""
+    return _two_readings("misprint", *row, **more)
+
+
+def control(*row: Any, **more: Any) -> Row:
+    """Row of a deliberate mistake that must show: as `misprint`, the readings being the correct and the wrong one."""
+    return _two_readings("control", *row, **more)
 
 
 def text(key: str, number: str, states: str, where: str, prints: str, correct: str, **more: Any) -> Row:

@@ -7,7 +7,7 @@ import os
 import platform
 import secrets
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -41,6 +41,12 @@ AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
 """Exit statuses of a comparison."""
 
 
+def status_of(verdicts: Iterable[str]) -> int:
+    """0 all agree, 1 a disagreement, 3 an engine failed to run and the others agree."""
+    found = set(verdicts)
+    return DISAGREE if FAIL in found else ENGINE_FAILED if ERROR in found else AGREE
+
+
 @dataclass(frozen=True)
 class Report:
     """What a run found: the agreement table, results by engine and route, and what goes into run.json."""
@@ -53,9 +59,8 @@ class Report:
 
     @property
     def status(self) -> int:
-        """0 all agree, 1 a disagreement, 3 an engine failed to run and the others agree."""
-        verdicts = set(self.agreement["verdict"])
-        return DISAGREE if FAIL in verdicts else ENGINE_FAILED if ERROR in verdicts else AGREE
+        """As `status_of` its verdicts."""
+        return status_of(self.agreement["verdict"])
 
     def samples(self) -> Iterator[pd.DataFrame]:
         """Blocks of the table of every number."""

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ..models import write_models
-from .compare import ERROR, FAIL, scales
+from .compare import scales
 from .engine import (
     REFERENCE,
     DynamicsResult,
@@ -20,7 +20,7 @@ from .engine import (
 )
 from .engines.analytic_ import AnalyticEngine
 from .problem import Problem
-from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, provenance, require_determinate
+from .run import choose_engines, new_run_id, provenance, require_determinate, status_of
 from .simulation import Accelerated, Row, Solution, acceleration_errors, table
 from .stepping import Method, Simulated
 from .tasks import run_tasks, simulates
@@ -40,9 +40,8 @@ class SimulationReport:
 
     @property
     def status(self) -> int:
-        """0 all agree, 1 a disagreement, 3 an engine failed to run and the others agree."""
-        verdicts = set(self.simulation["verdict"])
-        return DISAGREE if FAIL in verdicts else ENGINE_FAILED if ERROR in verdicts else AGREE
+        """As `status_of` its verdicts."""
+        return status_of(self.simulation["verdict"])
 
     def states(self) -> pd.DataFrame:
         """Pose and twist at the output times, every engine and method."""
