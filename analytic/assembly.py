@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .orientation import rotation, turned
-from .solve import LIMIT, row_scaled
+from .solve import LIMIT, conditioned, longest_lever, row_units
 from .stewart import Parameters, add, apply, cross, sub
 
 MOST_ITERATIONS = 50
@@ -79,6 +79,7 @@ def assemble(P: Parameters, L: Numbers, position: Numbers, quaternion: Numbers) 
     q = turned(q, (0.0, 0.0, 0.0))
     reach = max(wanted)
     enough = ROUNDINGS * (reach + np.abs(C).max() + np.abs(np.array([P.O, P.p])).max())
+    lever = longest_lever(P.p)
     residual = math.inf
     for iteration in range(MOST_ITERATIONS + 1):
         columns, error = [], []
@@ -95,13 +96,13 @@ def assemble(P: Parameters, L: Numbers, position: Numbers, quaternion: Numbers) 
         residual = max(abs(e) for e in error)
         if residual <= enough:
             return Assembly(np.array(C), np.array(q), iteration, residual)
-        scale, condition, leg = row_scaled(np.array(columns).T[None])  # force and moment rows: one unit each
+        scaled, condition, leg = conditioned(np.array(columns).T[None], lever)
         if not condition[0] <= LIMIT:
             raise AssemblyError(
-                f"singular pose after {iteration} steps: row-scaled condition {condition[0]:.3g}, above {LIMIT:g},"
+                f"singular pose after {iteration} steps: condition {condition[0]:.3g}, above {LIMIT:g},"
                 f" leg {leg[0]} the weakest; lengths are off by up to {residual:.3g} m: choose another guess"
             )
-        d = np.linalg.solve(np.array(columns) / scale[0], np.array(error)) / scale[0]
+        d = np.linalg.solve(scaled[0].T, np.array(error)) / row_units(6, lever)
         d *= min(1.0, LARGEST_TURN / max(math.hypot(*d[3:]), 1e-300), reach / max(math.hypot(*d[:3]), 1e-300))
         C = (np.array(C) + d[:3]).tolist()
         q = turned(q, d[3:].tolist())

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import planar, stewart
 from .samples import InverseDynamics, LegCoordinates, blocks, stack
-from .solve import LIMIT, Infeasible, SingularPose, solve_samples
+from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_samples
 from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
 
 
@@ -59,7 +59,7 @@ def inverse_dynamics(P: Parameters | PlanarParameters, motion: PlatformMotion) -
     Raises
     ------
     SingularPose
-        Row-scaled condition above 1e12, or sin q_n < 1e-12 where a base or a spin inertia loads it.
+        Condition above 1e12, or sin q_n < 1e-12 where a base or a spin inertia loads it.
     Infeasible
         A planar mechanism in a singular state cannot move as prescribed, whatever the forces.
     NotDeterminate
@@ -74,7 +74,7 @@ def inverse_dynamics(P: Parameters | PlanarParameters, motion: PlatformMotion) -
         conditions: list[np.ndarray] = []
 
         def solve(rows: Any, right: Any, start: int = block.start, out: list[np.ndarray] = conditions) -> Any:
-            X, condition = solve_samples(rows, right, start)
+            X, condition = solve_samples(rows, right, longest_lever(P.p), start)
             out.append(condition)
             return X
 

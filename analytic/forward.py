@@ -175,7 +175,7 @@ def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: 
                 for j, x in enumerate(row):
                     A[:, i, j] = x
             b = np.stack(np.broadcast_arrays(*right), axis=-1)
-            length, condition, _ = row_scaled(A)
+            length, condition = row_scaled(A)
             worst = int(np.argmax(condition))
             if not condition[worst] <= LIMIT:
                 raise _no_inverse(block.start + worst, float(condition[worst]))

@@ -33,9 +33,10 @@ class LegCoordinates:
 class InverseDynamics:
     """Driving forces and joint reactions of every leg, world axes, in N and N m.
 
-    ``F, L, dL`` (nt, N); ``F_r, F_s, F_n, F_o, M_s, M_n, M_o`` (nt, N, 3); ``condition`` (nt,): row-scaled, (7), (8)
-    or (32), (35).  ``undetermined`` (nt,): the equations leave a combination of driving forces free, and F is the
-    shortest vector that fulfils them; only other combinations mean anything (F_1 - F_2 of two collinear legs).
+    ``F, L, dL`` (nt, N); ``F_r, F_s, F_n, F_o, M_s, M_n, M_o`` (nt, N, 3); ``condition`` (nt,): of (7), (8) or (32),
+    (35), moments over the longest lever.  ``undetermined`` (nt,): the equations leave a combination of driving forces
+    free, and F is the shortest vector that fulfils them; only other combinations mean anything (F_1 - F_2 of two
+    collinear legs).
     """
 
     F: np.ndarray

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .stewart import Scalar
+from .stewart import Scalar, Vector
 
 LIMIT = 1e12
-"""Largest row-scaled condition, and largest 1/s of a leg with spin inertia, that leaves digits in the answer.
+"""Largest condition, and largest 1/s of a leg with spin inertia, that leaves digits in the answer.
 
 Both multiply the rounding of float64 (1e-16): at 1e12 four digits are left.
 """
@@ -32,87 +33,115 @@ class Infeasible(ArithmeticError):
             f"sample {sample}: the motion is infeasible: an equation of the platform holds no driving force, and what"
             f" it asks of the motion is missed by {residual:.6g} (N or N m), expected at most {limit:.2g}"
         )
-        self.sample, self.residual = sample, residual
+        self.sample, self.residual, self.limit = sample, residual, limit
 
 
-FEASIBLE = 1e-12
-"""Largest residual of an equation without driving forces, over the largest right side: rounding of some ten terms."""
+FEASIBLE = 1e-14
+"""Largest residual of an equation without driving forces, over the weights and inertial forces that enter it.
+
+Some ten roundings and their growth; a tenth of what comparisons of forces allow, so that it stays below their bar.
+"""
 
 
-def row_scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row lengths (nt, n), 2-norm condition (nt,) of the matrices with rows of length 1, and the weakest leg (nt,).
-
-    Force and moment rows have different units, so that only the scaled condition means anything.  The weakest leg
-    (from 1) has the largest share in the direction that no force holds.
-    """
+def row_scaled(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row lengths (nt, n) and 2-norm condition (nt,) of the matrices with rows of length 1."""
     length = np.linalg.norm(A, axis=2)
     length[length == 0.0] = 1.0
-    _, sigma, Vh = np.linalg.svd(A / length[..., None])
+    return length, _condition(np.linalg.svd(A / length[..., None], compute_uv=False))
+
+
+def _condition(sigma: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
-        condition = sigma[:, 0] / np.abs(sigma[:, -1])  # LAPACK returns -0.0 too
-    return length, condition, np.argmax(np.abs(Vh[:, -1]), axis=1) + 1
+        return sigma[:, 0] / np.abs(sigma[:, -1])  # LAPACK returns -0.0 too
+
+
+def longest_lever(pins: Sequence[Vector]) -> float:
+    """Largest distance of a pin from the platform's centre of mass [m]; 1 where all are in it, and no moment counts."""
+    return max(math.hypot(*(float(x) for x in p)) for p in pins) or 1.0
+
+
+def row_units(n: int, lever: float) -> np.ndarray:
+    """What the platform's n equations are divided by: 1 for a force, the longest lever of a pin for a moment.
+
+    One number for all moments: legs that meet in one point, or that are all square to an axis, leave whole rows small,
+    and rows scaled one by one would hide that no force holds the platform there.
+    """
+    units = np.ones(n)
+    units[3 if n == 6 else 2 :] = lever
+    return units
+
+
+def conditioned(A: np.ndarray, lever: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Platform's equations (nt, n, n) in `row_units`, their 2-norm condition (nt,), and the weakest leg (nt,).
+
+    The weakest leg (from 1) has the largest share in the direction that no force holds.
+    """
+    scaled = A / row_units(A.shape[1], lever)[:, None]
+    _, sigma, Vh = np.linalg.svd(scaled)
+    return scaled, _condition(sigma), np.argmax(np.abs(Vh[:, -1]), axis=1) + 1
+
+
+def without_vanishing_row(A: np.ndarray, condition: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Condition (nt,) of equations (nt, n, n) less a row of zeros, if there is one, and whether there is.
+
+    A row vanishes exactly where the legs are exactly square to it, as two collinear ones are.  Two such rows leave
+    more than one combination of driving forces free: their condition is infinite.
+    """
+    rank = (A != 0.0).any(axis=2).sum(axis=1)  # by the entries: a norm underflows
+    short = rank == A.shape[1] - 1
+    condition = condition.copy()
+    if short.any():
+        condition[short] = _condition(np.linalg.svd(A[short], compute_uv=False)[:, :-1])
+    return condition, rank < A.shape[1]
 
 
 def require_regular(condition: np.ndarray, leg: np.ndarray, first_sample: int = 0) -> None:
-    """Raise SingularPose if a scaled condition is above ``LIMIT``, or not a number."""
+    """Raise SingularPose if a condition is above ``LIMIT``, or not a number."""
     worst = int(np.argmax(condition))
     if not condition[worst] <= LIMIT:
         limit = f"above {LIMIT:g}: the platform is in a parallel singularity"
-        name = "row-scaled condition of the platform's equations"
+        name = "condition of the platform's equations"
         raise SingularPose(first_sample + worst, int(leg[worst]), name, float(condition[worst]), limit)
 
 
 def solve_samples(
-    rows: Sequence[Sequence[np.ndarray]], right: Sequence[np.ndarray], first_sample: int = 0
+    rows: Sequence[Sequence[np.ndarray]], right: Sequence[np.ndarray], lever: float, first_sample: int = 0
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Solve one row-scaled 6 x 6 system per sample.
+    """Solve one 6 x 6 system per sample.
 
     Parameters
     ----------
-    rows : six rows of six arrays, each (nt,)
+    rows : six rows of six arrays, each (nt,): forces, then moments [m]
     right : six arrays, each (nt,)
+    lever : longest lever of a pin on the platform [m], which moments are divided by.
     first_sample : number of the first sample, for the error message.
 
     Returns
     -------
     unknowns : six arrays (nt,)
-    condition : ndarray, shape (nt,), of the row-scaled matrix.
+    condition : ndarray, shape (nt,), of the matrix in `row_units`.
 
     Raises
     ------
     SingularPose
         Condition above ``LIMIT``.
     """
-    A = np.moveaxis(np.array(rows), -1, 0)
-    b = np.array(right).T
-    length, condition, leg = row_scaled(A)
+    A, condition, leg = conditioned(np.moveaxis(np.array(rows), -1, 0), lever)
     require_regular(condition, leg, first_sample)
-    return list(np.linalg.solve(A / length[..., None], (b / length)[..., None])[..., 0].T), condition
-
-
-def without_vanishing_rows(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Condition (nt,) of planar equations (nt, n, n) less their rows of zeros, and whether there are such rows.
-
-    The two rows of forces have one unit and are scaled by the longer one: a short one, of legs that are nearly square
-    to its axis, is a weakness that scaling must not hide.  A row vanishes exactly where the legs are exactly square to
-    it, as two collinear ones are.
-    """
-    length = np.linalg.norm(A, axis=2)
-    rank = (A != 0.0).any(axis=2).sum(axis=1)  # by the entries: a norm underflows
-    length[:, :2] = length[:, :2].max(axis=1, keepdims=True)
-    length[length == 0.0] = 1.0
-    sigma = np.linalg.svd(A / length[..., None], compute_uv=False)
-    smallest = np.take_along_axis(sigma, np.maximum(rank - 1, 0)[:, None], axis=1)[:, 0]
-    with np.errstate(divide="ignore"):
-        condition = sigma[:, 0] / np.abs(smallest)
-    condition[rank < A.shape[1] - 1] = np.inf  # more than one combination would be free
-    return condition, rank < A.shape[1]
+    b = np.array(right).T / row_units(A.shape[1], lever)
+    return list(np.linalg.solve(A, b[..., None])[..., 0].T), condition
 
 
 def solve_determined(
-    rows: Sequence[Sequence[np.ndarray]], right: Sequence[np.ndarray], first_sample: int = 0
+    rows: Sequence[Sequence[np.ndarray]],
+    right: Sequence[np.ndarray],
+    lever: float,
+    size: np.ndarray,
+    first_sample: int = 0,
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """As `solve_samples` for n rows of which some may vanish: the shortest vector that fulfils the others.
+    """As `solve_samples` for n rows of which one may vanish: the shortest vector that fulfils the others.
+
+    ``size`` (nt,): weights and inertial forces of a sample [N], which rounding is measured by.
 
     Returns
     -------
@@ -127,21 +156,23 @@ def solve_determined(
     Infeasible
         The right side of a row that vanishes is not zero.
     """
-    A = np.moveaxis(np.array(rows), -1, 0)
-    b = np.array(right).T
-    length, _, leg = row_scaled(A)
-    condition, undetermined = without_vanishing_rows(A)
+    A, condition, leg = conditioned(np.moveaxis(np.array(rows), -1, 0), lever)
+    condition, undetermined = without_vanishing_row(A, condition)
     require_regular(condition, leg, first_sample)
-    residual = np.where((A == 0.0).all(axis=2), np.abs(b), 0.0).max(axis=1)
-    limit = FEASIBLE * float(np.abs(b).max())
-    worst = int(np.argmax(residual))
-    if residual[worst] > limit:
-        raise Infeasible(first_sample + worst, float(residual[worst]), limit)
-    scaled, target = A / length[..., None], (b / length)[..., None]
-    x = np.empty_like(target)
-    x[~undetermined] = np.linalg.solve(scaled[~undetermined], target[~undetermined])
-    x[undetermined] = np.linalg.pinv(scaled[undetermined]) @ target[undetermined]
-    return list(x[..., 0].T), condition, undetermined
+    units = row_units(A.shape[1], lever)
+    b = np.array(right).T / units
+    residual = np.where((A == 0.0).all(axis=2), np.abs(b), 0.0)
+    sample, row = (int(i) for i in np.unravel_index(int(np.argmax(residual - FEASIBLE * size[:, None])), b.shape))
+    if residual[sample, row] > FEASIBLE * size[sample]:
+        raise Infeasible(
+            first_sample + sample,
+            float(residual[sample, row] * units[row]),
+            float(FEASIBLE * size[sample] * units[row]),
+        )
+    x = np.empty_like(b)
+    x[~undetermined] = np.linalg.solve(A[~undetermined], b[~undetermined, :, None])[..., 0]
+    x[undetermined] = (np.linalg.pinv(A[undetermined]) @ b[undetermined, :, None])[..., 0]
+    return list(x.T), condition, undetermined
 
 
 def solve_numbers(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:

@@ -58,11 +58,10 @@ class ModelFacts:
 
 
 class Law(NamedTuple):
-    """Name of the error that an engine's own solver is known to make, and why; what rounding is multiplied by in it."""
+    """Name of the error that an engine's own solver is known to make, and why."""
 
     name: str
     why: str
-    condition: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,9 @@ class DynamicsResult:
     model.  ``model``: what it counts there.  Of the certified reference alone: ``radius``, proven radii of F,
     reactions, L, dL, hull, by these names, and ``hull`` (nt, 6): moment and force on the hull about the mean of its
     pins, from the rate of momentum.  Of forward dynamics alone, whose ``F`` is what was handed in: ``platform``
-    (nt, 6), its acceleration and angular acceleration in world axes, and, if the solver is known not to be exact, its
-    ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes.
+    (nt, 6), its acceleration and angular acceleration in world axes; ``amplification`` (nt,), what its solver makes of
+    rounding, beside a well-conditioned direct solve; and, if the solver is known not to be exact, its ``law`` with the
+    errors ``predicted`` for reactions and platform, by these names and in their shapes.
     """
 
     engine: str
@@ -94,6 +94,7 @@ class DynamicsResult:
     hull: np.ndarray | None = None
     model: ModelFacts | None = None
     platform: np.ndarray | None = None
+    amplification: np.ndarray | float = 1.0
     law: Law | None = None
     predicted: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: float = float("nan")
@@ -172,6 +173,13 @@ def platform_quantity(name: str, platform: np.ndarray) -> np.ndarray:
     return platform[:, None, :3] if name == "a" else platform[:, None, 3:]
 
 
+def values(scene: Scene, result: DynamicsResult, name: str) -> np.ndarray:
+    """One quantity of a result, leg by leg as `quantity` gives it."""
+    if name in PLATFORM:
+        return platform_quantity(name, np.asarray(result.platform))
+    return quantity(scene, name, result.F, result.reactions)
+
+
 def _files() -> list[str]:
     return sorted(m.name.removesuffix("_") for m in pkgutil.iter_modules(engines.__path__) if m.name.endswith("_"))
 
@@ -235,6 +243,9 @@ def require_complete(
         arrays |= dict(result.loops)
     else:
         shapes["platform"], arrays["platform"] = (nt, 6), result.platform
+        shapes["amplification"], arrays["amplification"] = (nt,), result.amplification
+        if np.ndim(result.amplification) == 0:
+            arrays["amplification"] = np.full(nt, result.amplification)
         if result.law:
             shapes |= {f"law of {key}": shapes[key] for key in ("reactions", "platform")}
             arrays |= {f"law of {key}": value for key, value in result.predicted.items()}

@@ -68,6 +68,8 @@ class KktEngine(ABC):
     setting: ClassVar[str]
     route: ClassVar[str] = "kkt"
     checks: ClassVar[tuple[str, ...]] = (*LOOPS, "balance")
+    inertia_floor: ClassVar[float] = 0.0
+    """Smallest moment of inertia that the model's format has [kg m^2]: smaller ones are raised to it."""
 
     scene: Scene
 

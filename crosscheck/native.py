@@ -2,7 +2,8 @@
 
 No engine solves the hard system ``M a + h = tau + J^T lambda, J a + dJ v = 0``: one softens it, one iterates, one takes
 a step in time.  What each of them solves differs from it by a known defect, and the response of the hard system to that
-defect is the law of the engine's error: a vector for every sample, not a constant.
+defect is the law of the engine's error: a vector for every sample, not a constant.  The defect is taken at the hard
+system's own solution, so that an answer does not widen the law that it is held to.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from . import wrench
 from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
 from .kkt import KktEngine, State, Terms
+from .tolerance import times_easier
 from .trajectory import Trajectory
 
 CLOSED = 1e-9
@@ -23,18 +25,30 @@ CLOSED = 1e-9
 is below 1e-14, and a solver would pull a loop together that is open by more."""
 
 
+class Hard(NamedTuple):
+    """The hard system's solution, from an engine's own matrices.
+
+    ``M`` (nt, nv, nv): mass matrix.  ``A`` (nt, nc, nc): `mobility`.  ``a`` (nt, nv): accelerations.
+    ``multipliers`` (nt, nc): forces on the rods' tips along `Scene.loop_axes`, loop by loop.
+    """
+
+    M: np.ndarray
+    A: np.ndarray
+    a: np.ndarray
+    multipliers: np.ndarray
+
+
 class Answer(NamedTuple):
     """What an engine's solver answers, and what it is known to leave undone.
 
-    ``a`` (nt, nv): accelerations.  ``loop_forces`` (nt, N, 3): on the rods' tips, world axes.  ``M`` (nt, nv, nv): the
-    engine's mass matrix.  ``force_defect`` (nt, nv) is M a + h - tau - J^T lambda and ``closure_defect`` (nt, nc) is
-    J a + dJ v of this answer, as far as the solver's method predicts them.  ``condition``: what rounding is multiplied
-    by in it, beside a direct solve.
+    ``a`` (nt, nv): accelerations.  ``loop_forces`` (nt, N, 3): on the rods' tips, world axes.  ``force_defect``
+    (nt, nv), that is M a + h - tau - J^T lambda, and ``closure_defect`` (nt, nc), that is J a + dJ v: as far as the
+    solver's method predicts them from the hard system, never from ``a`` and ``loop_forces``.  ``condition``: what
+    rounding is multiplied by in the solver, beside the condition of `mobility`.
     """
 
     a: np.ndarray
     loop_forces: np.ndarray
-    M: np.ndarray
     force_defect: np.ndarray
     closure_defect: np.ndarray
     condition: float = 1.0
@@ -52,11 +66,12 @@ class SolverEngine(KktEngine):
         """The solver's name and what it was set to."""
 
     @abstractmethod
-    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
-        """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations.
+    def mass_matrix(self, state: State) -> np.ndarray:
+        """The engine's mass matrix (nt, nv, nv) at positions (nt, nq)."""
 
-        Such terms have the bias h less the load in ``tau`` and dJ v in ``gap_acceleration``.
-        """
+    @abstractmethod
+    def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
+        """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations, as in `hard`."""
 
     @abstractmethod
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
@@ -66,6 +81,24 @@ class SolverEngine(KktEngine):
         """Velocity index of each actuated joint, leg by leg."""
         return [self.velocity_index(c) for j in self.scene.joints if j.actuated for c in j.coordinates]
 
+    def hard(self, state: State, terms: Terms, F: np.ndarray) -> Hard:
+        """Solution of the hard system under driving forces (nt, na). Raises EngineError where it has none.
+
+        `terms` of zero accelerations have the bias h less the load in ``tau`` and dJ v in ``gap_acceleration``.
+        """
+        force = -terms.tau
+        force[:, self.actuated()] += F
+        closure = -terms.gap_acceleration[..., list(self.scene.loop_axes)].reshape(len(F), -1)
+        M = self.mass_matrix(state)
+        A = mobility(M, terms.J)
+        singular = np.flatnonzero(~(condition(A) < 1.0 / np.finfo(float).eps))
+        if len(singular):
+            raise EngineError(
+                f"{self.name}: sample {singular[0]}: the loops' matrix J M^-1 J^T is singular: masses or moments of"
+                " inertia are too unequal for float64"
+            )
+        return Hard(M, A, *response(M, terms.J, A, force, closure))
+
     def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
         """Accelerations and joint reactions under driving forces (nt, N), and their law. Raises EngineError."""
         start = perf_counter()
@@ -74,10 +107,11 @@ class SolverEngine(KktEngine):
         require_finite(self.name, q=state.q, v=state.v, F=F)
         terms = self.terms(state)
         require_closed(self.name, terms, state.v)
-        answer = self.answer(state, terms, F)
+        hard = self.hard(state, terms, F)
+        answer = self.answer(state, terms, F, hard)
         require_finite(self.name, a=answer.a, loop_forces=answer.loop_forces)
         axes = list(self.scene.loop_axes)
-        da, dl = response(answer.M, terms.J, answer.force_defect, answer.closure_defect)
+        da, dl = response(hard.M, terms.J, hard.A, answer.force_defect, answer.closure_defect)
         loop_error = np.zeros_like(answer.loop_forces)
         loop_error[..., axes] = dl.reshape(len(dl), -1, len(axes))
         reactions = self._all_reactions(state, answer.a, answer.loop_forces)
@@ -93,7 +127,8 @@ class SolverEngine(KktEngine):
             L=terms.L,
             dL=terms.dL,
             platform=platform,
-            law=self.law._replace(condition=answer.condition),
+            law=self.law,
+            amplification=times_easier(answer.condition) * times_easier(condition(hard.A)),
             predicted={  # both are affine in what the solver answers
                 "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,
@@ -138,12 +173,23 @@ def mobility(M: np.ndarray, J: np.ndarray) -> np.ndarray:
     return J @ np.linalg.solve(M, J.transpose(0, 2, 1))
 
 
-def response(M: np.ndarray, J: np.ndarray, force: np.ndarray, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def condition(A: np.ndarray) -> np.ndarray:
+    """2-norm condition (nt,) of symmetric matrices (nt, n, n); infinite where a number is not finite."""
+    finite = np.isfinite(A).all(axis=(1, 2))
+    out = np.full(len(A), np.inf)
+    if finite.any():
+        out[finite] = np.linalg.cond(A[finite])
+    return out
+
+
+def response(
+    M: np.ndarray, J: np.ndarray, A: np.ndarray, force: np.ndarray, closure: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Change of accelerations (nt, nv) and multipliers (nt, nc) of the hard system by defects (nt, nv), (nt, nc).
 
-    Solves ``M da = J^T dl + force`` and ``J da = closure``.
+    Solves ``M da = J^T dl + force`` and ``J da = closure``; A is the `mobility`.
     """
     free = np.linalg.solve(M, force[..., None])
-    dl = np.linalg.solve(mobility(M, J), closure[..., None] - J @ free)
+    dl = np.linalg.solve(A, closure[..., None] - J @ free)
     da = free + np.linalg.solve(M, J.transpose(0, 2, 1) @ dl)
     return da[..., 0], dl[..., 0]

@@ -7,14 +7,17 @@ equations give these forces.  No formula of the paper, no joint coordinates, no 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 from flint import arb, arb_mat
 
 from ..models.scene import Scene
 from .balls import Jet, Vector, apply, cross, cross_jet, dot, dot_jet, minus, over, plus, sqrt_jet, times, total, vector
+from .tolerance import FEASIBLE
 
 
 class _Turning(NamedTuple):
@@ -190,8 +193,26 @@ class Sample:
                 moment = plus(moment, dH, cross(plus(minus(pin, center), com), inertial))
         return times(arb(-1), force), times(arb(-1), moment)
 
+    def _size(self) -> tuple[float, float]:
+        """Weights, inertial forces and load [N], and their moments about the platform's centre [N m]: largest sums."""
+
+        def length(v: Vector) -> float:
+            return math.hypot(*(float(x) for x in v))
+
+        platform, load = self.scene.platform, self.scene.load
+        lever = max(length(leg.r) for leg in self.legs)
+        moving = [(float(m), length(a)) for leg in self.legs for m, _, a, _ in leg.bodies]
+        force = sum(m * (a + length(self.g)) for m, a in (*moving, (platform.mass, length(self.C[2]))))
+        force += math.hypot(*load.force) if load else 0.0
+        turning = length(self.alpha) + length(self.omega) ** 2
+        moment = force * lever + float(np.linalg.norm(platform.tensor)) * turning
+        return force, moment + (math.hypot(*load.moment) if load else 0.0)
+
     def solve(self) -> dict[str, list]:
-        """Forces along the legs from the platform, then every reaction. Raises ZeroDivisionError if none is certain."""
+        """Forces along the legs from the platform, then every reaction.
+
+        Raises Infeasible, and ZeroDivisionError if none is certain.
+        """
         right_F, right_M, spent = self._platform()
         spatial = self.scene.topology == "spatial"
         # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 give two components of F_r; along y_n it is free.
@@ -210,8 +231,14 @@ class Sample:
             right_F = plus(right_F, F_r)
             right_M = plus(right_M, cross(leg.r, F_r))
         rows = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5), "point": (0, 1)}[self.scene.freedom]
-        right = (*right_F, *right_M)
-        free = _free_forces([[-column[j] for column in along] for j in rows], [right[j] for j in rows], inertial)
+        right, size, twist = (*right_F, *right_M), self._size(), (*self.C[1], *self.omega)
+        left = {j: right[j] for j in rows if all(x.is_exact() and x == 0 for x in (column[j] for column in along))}
+        for j, b in left.items():
+            if not abs(float(b)) <= FEASIBLE * size[j // 3]:
+                raise Infeasible(f"no forces give this motion: residual {float(b):.6g} ({'N' if j < 3 else 'N m'})")
+            spent = spent - b * twist[j]  # what the motion takes, and no force gives
+        kept = [j for j in rows if j not in left]
+        free = _free_forces([[-column[j] for column in along] for j in kept], [right[j] for j in kept], inertial)
 
         out: dict[str, list] = {name: [] for name in ("F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o", "L", "dL")}
         for i, leg in enumerate(self.legs):
@@ -233,18 +260,14 @@ class Infeasible(ArithmeticError):
 
 
 def _free_forces(rows: list[list[arb]], right: list[arb], inertial: Sequence[arb]) -> list[arb]:
-    """Components of F_r along the legs from the platform's equations.
+    """Components of F_r along the legs from the platform's equations. Raises ZeroDivisionError.
 
-    Rows of exact zeros (two legs exactly in line) hold none: their right sides must be zero, and of all solutions the
-    one with the shortest driving forces F = inertial - free is taken.  Raises Infeasible, ZeroDivisionError.
+    Without one of them (two legs exactly in line) the solution with the shortest driving forces
+    F = inertial - free is taken.
     """
-    kept = [(row, b) for row, b in zip(rows, right, strict=True) if any(x != 0 or not x.is_exact() for x in row)]
-    for row, b in zip(rows, right, strict=True):
-        if all(x.is_exact() and x == 0 for x in row) and not b.contains(0):
-            raise Infeasible(f"no forces give this motion: residual {float(b):.6g} (N or N m)")
-    A = arb_mat([row for row, _ in kept])
-    b = arb_mat([[b] for _, b in kept])
-    if len(kept) == len(rows):
+    A = arb_mat(rows)
+    b = arb_mat([[x] for x in right])
+    if len(rows) == len(inertial):
         return [x[0] for x in A.solve(b).tolist()]
     to_span = A.transpose() * (A * A.transpose()).inv()
     F = arb_mat([[c] for c in inertial])

@@ -142,7 +142,7 @@ def run(
         else:
             results |= {(name, route): found[name, route] for route in routes(engine)}
     table = compare.agreement(run_id, scene, trajectory, chosen, results)
-    wider = of_forces(trajectory.condition, trajectory.sin_q_n)
+    wider = of_forces(trajectory.condition, trajectory.sin_q_n, trajectory.reach)
     info = {
         **provenance(run_id, started, scene, chosen),
         "seconds": perf_counter() - start,
@@ -154,6 +154,7 @@ def run(
             ),
             "max_condition": float(trajectory.condition.max()),
             "min_sin_q_n": float(trajectory.sin_q_n.min()),
+            "max_reach": float(trajectory.reach.max()),
             "undetermined": _undetermined(scene, trajectory),
             "wider_samples": int((wider > 1.0).sum()),
             "widest_tolerance": float(wider.max() * ROUND_OFF.value),

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 
 from ..models import write_models
-from .compare import scales
 from .engine import (
     REFERENCE,
     DynamicsResult,
@@ -120,9 +119,11 @@ def simulate(
     truth = reference if isinstance(reference, Failure) else found.certified
     accelerated: dict[tuple[str, str], Accelerated | Failure] = {}
     if motion is not None and isinstance(truth, DynamicsResult):
-        size = scales(scene, motion, truth)
         for key, got in found.accelerations.items():
-            accelerated[key] = got if isinstance(got, Failure) else acceleration_errors(motion, got, size)
+            floor = getattr(chosen[key[0]], "inertia_floor", 0.0)
+            accelerated[key] = (
+                got if isinstance(got, Failure) else acceleration_errors(scene, motion, got, truth, floor)
+            )
     elif motion is not None and isinstance(truth, Failure):
         uncertified = Failure(f"no certified driving forces: {truth.reason}")
         accelerated = {(name, m.route): uncertified for name, m in results if m.accelerates}

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from .compare import ERROR, FAIL, PASS, UNSUPPORTED, Scales
-from .engine import Failure
+from ..models.scene import Scene
+from .bounds import of_floor, wider_accelerations
+from .compare import ERROR, FAIL, PASS, UNSUPPORTED
+from .engine import PLATFORM, DynamicsResult, Failure
 from .problem import Problem
 from .quaternions import times
+from .scales import scales
 from .stepping import Method, Simulated
-from .tolerance import ACCELERATIONS, ENERGY, FOLLOWS, LAW_FACTOR, NEAR, QUADRATURE, of_forces
+from .tolerance import ACCELERATIONS, ENERGY, FOLLOWS, LAW_FACTOR, NEAR, QUADRATURE
 from .trajectory import Trajectory
 
 ORDER = 0.5
@@ -74,12 +77,18 @@ def exchanged(problem: Problem, s: Simulated) -> float:
     return float(max(np.ptp(s.kinetic), np.ptp(s.potential), np.ptp(s.work), rest))
 
 
-def acceleration_errors(trajectory: Trajectory, got: np.ndarray, size: Scales) -> Accelerated:
-    """Accelerations (nt, 6) against those of the motion that the forces are certified for."""
+def acceleration_errors(
+    scene: Scene, trajectory: Trajectory, got: np.ndarray, truth: DynamicsResult, floor: float
+) -> Accelerated:
+    """Accelerations (nt, 6) against those of the motion that the forces are certified for.
+
+    ``floor``: smallest moment of inertia [kg m^2] that the engine's format has.
+    """
+    size = scales(scene, trajectory, truth)
     want = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])
-    wider = of_forces(trajectory.condition, trajectory.sin_q_n)
+    allowed = ACCELERATIONS.value * wider_accelerations(scene, trajectory, truth, size)
     errors = np.linalg.norm((got - want).reshape(-1, 2, 3), axis=2) / [size.of("a"), size.of("alpha")]
-    share = errors.max(axis=1) / (ACCELERATIONS.value * wider)
+    share = errors / np.column_stack([allowed + of_floor(scene, trajectory, q, size, floor) for q in PLATFORM])
     return Accelerated(float(errors[:, 0].max()), float(errors[:, 1].max()), float(share.max()))
 
 

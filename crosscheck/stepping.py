@@ -21,7 +21,7 @@ from ..analytic.integrate import SimulationError, integrate
 from ..models.scene import Scene
 from .engine import EngineError, require_finite
 from .kkt import State
-from .native import SolverEngine, response
+from .native import SolverEngine
 from .problem import Problem, Staged
 from .quaternions import times
 from .trajectory import Trajectory
@@ -117,7 +117,7 @@ class Coordinates:
             dict(zip(names, q.T, strict=False)) | dict(zip(own, (*position.T[:2], angle), strict=False)),
             dict(zip(names, v.T, strict=False)) | dict(zip(own, (*velocity.T[:2], w[:, 2]), strict=False)),
             dict.fromkeys((*names, *own), np.zeros(len(t))),
-            condition=nan, undetermined=np.zeros(len(t), dtype=bool), sin_q_n=nan, source="",
+            condition=nan, undetermined=np.zeros(len(t), dtype=bool), sin_q_n=nan, reach=nan, source="",
         )  # fmt: skip
 
     def rate(self, y: np.ndarray, legs: np.ndarray, platform: np.ndarray) -> np.ndarray:
@@ -136,10 +136,6 @@ class SteppingEngine(SolverEngine):
     native_order: ClassVar[int]
     native_integrator: ClassVar[str]
     native_setting: ClassVar[str]
-
-    @abstractmethod
-    def mass_matrix(self, state: State) -> np.ndarray:
-        """The engine's mass matrix (nt, nv, nv) at positions (nt, nq)."""
 
     @abstractmethod
     def see(self, state: State) -> Seen:
@@ -162,11 +158,7 @@ class SteppingEngine(SolverEngine):
     def accelerate(self, state: State, F: np.ndarray) -> np.ndarray:
         """Accelerations (nt, nv) under driving forces (nt, N): the engine's terms, hard loops."""
         state = State(state.q, state.v, np.zeros_like(state.v))
-        terms = self.terms(state)
-        force = -terms.tau
-        force[:, self.actuated()] += F
-        closure = -terms.gap_acceleration[..., list(self.scene.loop_axes)].reshape(len(F), -1)
-        return response(self.mass_matrix(state), terms.J, force, closure)[0]
+        return self.hard(state, self.terms(state), F).a
 
     def accelerations(self, method: Method, trajectory: Trajectory, F: np.ndarray) -> np.ndarray:
         """Acceleration and angular acceleration (nt, 6) of the platform at given states, on the route `kkt`."""

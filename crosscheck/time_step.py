@@ -8,7 +8,7 @@ import numpy as np
 
 from ..models.scene import Scene
 from .kkt import State, Terms
-from .native import mobility
+from .native import Hard
 
 
 class Moving(Protocol):
@@ -33,9 +33,7 @@ def defects(
     engine: Moving,
     state: State,
     terms: Terms,
-    M: np.ndarray,
-    a: np.ndarray,
-    loop_forces: np.ndarray,
+    hard: Hard,
     dt: float,
     mixing: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +55,7 @@ def defects(
         return x[..., axes].reshape(len(x), -1)
 
     v, J, w = state.v, terms.J, terms.gap_acceleration
-    A = mobility(M, J)
+    M, A, a, multipliers = hard
     p = 2.0 * np.linalg.solve(A, rows(w)[..., None])
     a_1 = a + np.linalg.solve(M, J.transpose(0, 2, 1) @ p)[..., 0]
     here = engine.terms(State(state.q, v, a))
@@ -68,6 +66,6 @@ def defects(
     ddJ = (later - earlier) / (2.0 * dt)
     lever = np.cross(engine.in_world(v)[:, None, 3:], w)
     closure = rows(here.gap_acceleration - there.gap_acceleration + 0.5 * dt * (ddJ + lever))
-    force = here.tau - there.tau + np.einsum("tij,ti->tj", there.J - J, rows(loop_forces))
+    force = here.tau - there.tau + np.einsum("tij,ti->tj", there.J - J, multipliers)
     yielding = mixing * (1.0 + np.einsum("tii->ti", A)) * p[..., 0]
     return force, closure + yielding

@@ -33,12 +33,19 @@ RADIUS = Tolerance(
     "the balls are narrower than 1e-20; what is left is the rounding to float64, 2e-16 for three components",
 )
 
+FEASIBLE = 1e-13
+"""Residual of an equation that holds no driving force, over the weights and inertial forces that enter it.
+
+The motion is a rounded one.  Ten times what a trajectory may bring, so that nobody refuses what was let in; where the
+forces of all bodies are compared it is not above `ROUND_OFF`.
+"""
+
 LAW_FACTOR = 3.0
 """What an engine's own solver may be off by, over the law of its error: the theory is of first order, and rounding in
 it has one sign for all. On regular poses the ratio was measured at 1.00."""
 
-LAW_LIMIT = 0.1
-"""Share of the scale above which a bound from a law says nothing, and the theory of first order with it."""
+LIMIT = 0.1
+"""Share of the scale above which a bound says nothing, and a theory of first order with it."""
 
 FOLLOWS = Tolerance(
     "follows",
@@ -69,32 +76,50 @@ NEAR = 0.1
 
 EASY_CONDITION = 40.0
 EASY_SIN_Q_N = 0.01
-EASY_SIN_Q_N_OF_LOOPS = 0.1
+EASY_REACH = 10.0
+EASY_SHARE = 10.0
+
+TERMS = 20.0
+"""Roundings that add up to the acceleration of a tip whose leg passes the vertical: MuJoCo was off by one."""
 
 
-def of_forces(condition: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
+def times_easier(condition: np.ndarray | float) -> np.ndarray:
+    """How much larger a condition is than an easy one, at least 1; one that is not known widens nothing."""
+    return np.fmax(1.0, np.asarray(condition) / EASY_CONDITION)
+
+
+def of_positions(reach: np.ndarray) -> np.ndarray:
+    """How much wider tolerances are at each sample, at least 1, because positions are in world axes.
+
+    Engines take a leg and a lever from the difference of two positions, which are rounded to 1e-16 of themselves:
+    errors were measured at a fiftieth of the bound from 1e3 to 1e8 shortest lengths off the origin.
+    """
+    return np.fmax(1.0, reach / EASY_REACH)
+
+
+def of_momentum(sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """How much wider `ROUND_OFF` is at each sample for sums of forces and moments against momentum, at least 1.
+
+    The angular velocity of a moving steep leg is rounded to 1e-16/s of its speed: measured a thousandth of the bound.
+    """
+    return np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
+
+
+def of_forces(condition: np.ndarray, sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """How much wider `ROUND_OFF` is at each sample, at least 1.
 
-    Forces react to rounding like the row-scaled condition.  Where base or spin inertia loads a steep leg, the force
+    Forces react to rounding like the condition.  Where base or spin inertia loads a steep leg, the force
     grows as 1/s^3 and rounding of the pose alone changes it by 1e-16/s of itself: errors were measured at a twentieth
     of the bound from s = 1e-2 down to 1e-8.  A number that is not known widens nothing.
     """
-    return np.fmax(np.fmax(1.0, condition / EASY_CONDITION), EASY_SIN_Q_N / sin_q_n)
+    return np.fmax(times_easier(condition), EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
 
 
-def of_accelerations(share: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
-    """How much wider `ROUND_OFF` is at each sample for what forces, over the platform's mass, accelerate it by.
+def of_accelerations(share: np.ndarray | float, sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """How much wider `ROUND_OFF` is at each sample for what forces accelerate the platform by.
 
-    ``share``: the largest force of the sample over mass and scale of accelerations: its rounding is one of theirs.
-    Steep legs add that of the pose, as for forces; the condition does not, it is in the forces already.
+    ``share``: what the largest force of the sample would give the platform alone, over the scale: its rounding is one
+    of theirs, measured at 1e-16 of it from 1e1 to 1e12.  Steep legs add that of the pose, as for forces; the condition
+    does not, it is in the forces already.
     """
-    return np.fmax(1.0, share) * np.fmax(1.0, EASY_SIN_Q_N / sin_q_n)
-
-
-def of_loops(sin_q_n: np.ndarray, derivative: int) -> np.ndarray:
-    """How much wider `CLOSURE` is at each sample, at least 1, at position, velocity or acceleration level (0, 1, 2).
-
-    The base of a moving steep leg turns with q_o' as 1/s and q_o'' as 1/s^2, and engines add such numbers up before
-    they cancel at the tip: 2e-18/s^2 was measured for MuJoCo's accelerations, a fiftieth of the bound.
-    """
-    return np.fmax(1.0, EASY_SIN_Q_N_OF_LOOPS / sin_q_n) ** derivative
+    return np.fmax(1.0, share / EASY_SHARE) * np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)

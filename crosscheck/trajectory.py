@@ -11,10 +11,10 @@ from scipy.interpolate import make_interp_spline
 
 from .. import analytic
 from ..analytic import Infeasible, PlatformMotion, SingularPose
-from ..analytic.solve import require_regular, row_scaled, without_vanishing_rows
 from ..models.scene import Scene, printable
 from ..models.tables import LARGEST, Component
 from . import quaternions
+from .conditioning import conditioning
 from .quaternions import Jet, rotation
 from .trajectory_csv import POSE, RATES, TrajectoryError, read_columns, wanted_columns
 from .waves import sines
@@ -34,10 +34,8 @@ class Trajectory:
 
     ``t`` (nt,), ``position, velocity, angular_velocity, acceleration, angular_acceleration`` (nt, 3) of the platform's
     centre of mass, ``quaternion`` (nt, 4) of R_WP, scalar first, not necessarily of exact length 1; ``q, v, a``: per
-    joint coordinate name an array (nt,), a planar platform's own among them; ``condition`` (nt,): row-scaled condition
-    of the platform's equations for the driving forces; ``undetermined`` (nt,): one of them vanishes for every leg;
-    ``sin_q_n``: the smallest sin q_n of each sample (planar: 1, no base turns there); ``source``: where the motion
-    came from, for reports and errors.
+    joint coordinate name an array (nt,), a planar platform's own among them; ``condition, undetermined, sin_q_n,
+    reach`` (nt,): see `Conditioning`; ``source``: where the motion came from, for reports and errors.
     """
 
     t: np.ndarray
@@ -53,6 +51,7 @@ class Trajectory:
     condition: np.ndarray
     undetermined: np.ndarray
     sin_q_n: np.ndarray
+    reach: np.ndarray
     source: str
 
     @property
@@ -94,42 +93,6 @@ class Trajectory:
             self.acceleration,
             self.angular_acceleration,
         )
-
-
-def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
-    """A leg far shorter than its rod's tip or its lever on the platform is no leg, and q_s = L - a has no digits."""
-    least = 1e-3 * np.maximum(abs(scene.leg.a), np.linalg.norm(r, axis=2))
-    sample, leg = (int(i) for i in np.unravel_index(int(np.argmin(L / np.maximum(least, 1e-300))), L.shape))
-    if not L[sample, leg] > least[sample, leg]:
-        limit = f"expected more than {least[sample, leg]:.3g} m, a thousandth of a or of its lever on the platform"
-        raise SingularPose(sample, leg + 1, "length", float(L[sample, leg]), limit)
-
-
-def conditioning(
-    scene: Scene, position: np.ndarray, R: np.ndarray, inverse: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row-scaled condition of the equations for F (NaN unless N fits), whether one of them vanishes, least sin q_n.
-
-    Each (nt,), from the geometry alone: tolerances hang on these numbers, and they must not come from the formulas
-    under test.
-    """
-    r = np.einsum("tij,nj->tni", R, np.array(scene.pins))
-    l = position[:, None] - np.array(scene.hull.pins) + r
-    L = np.linalg.norm(l, axis=2, keepdims=True)
-    _require_length(scene, r, L[..., 0])
-    spatial = scene.freedom == "spatial"
-    sin_q_n = (np.hypot(l[..., 0], l[..., 2]) / L[..., 0]).min(axis=1) if spatial else np.ones(len(l))
-    if scene.platform_equations != scene.N or not inverse:
-        return np.full(len(l), np.nan), np.zeros(len(l), dtype=bool), sin_q_n
-    y = l / L
-    rows = {"spatial": [0, 1, 2, 3, 4, 5], "planar": [0, 1, 5], "point": [0, 1]}[scene.freedom]
-    A = np.concatenate([y, np.cross(r, y)], axis=2).transpose(0, 2, 1)[:, rows]
-    _, condition, leg = row_scaled(A)
-    undetermined = np.zeros(len(l), dtype=bool)
-    if not spatial:
-        condition, undetermined = without_vanishing_rows(A)
-    require_regular(condition, leg)
-    return condition, undetermined, sin_q_n
 
 
 def _coordinates(scene: Scene, motion: PlatformMotion, q: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
@@ -186,17 +149,15 @@ def _build(
     _require_plane(scene, source, motion, q)
     try:
         with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
-            condition, undetermined, sin_q_n = conditioning(scene, p[0], motion.R, inverse)
+            found = conditioning(scene, p[0], motion.R, inverse)
         coordinates = _coordinates(scene, motion, q)
-        if undetermined.any():
+        if found.undetermined.any():
             analytic.driving_forces(scene.parameters, motion)  # no forces may give this motion
     except (SingularPose, Infeasible) as e:
         kind = "singular pose: " if isinstance(e, SingularPose) else ""
         raise TrajectoryError(f"{source}: t = {t[e.sample]:.6g} s: {kind}{e}") from None
-    return Trajectory(
-        t, p[0], q, p[1], w, p[2], dw, *coordinates,
-        condition=condition, undetermined=undetermined, sin_q_n=sin_q_n, source=source,
-    )  # fmt: skip
+    x, v, a = coordinates
+    return Trajectory(t, p[0], q, p[1], w, p[2], dw, x, v, a, *found, source=source)
 
 
 def along(scene: Scene, t: np.ndarray, inverse: bool = True) -> Trajectory:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -94,6 +95,13 @@ class Platform(Table):
     def tensor(self) -> tuple[Vector, Vector, Vector]:
         """Central inertia [kg m^2], platform axes; of a planar platform about z alone."""
         return self.inertia or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, self.J_z or 0.0))
+
+    @property
+    def least_inertia(self) -> float:
+        """Smallest principal moment [kg m^2] that the platform turns with; infinite for a point, which does not."""
+        if self.inertia is not None:
+            return float(np.linalg.eigvalsh(np.array(self.inertia))[0])
+        return self.J_z or math.inf
 
     @model_validator(mode="after")
     def _possible(self) -> Platform:

@@ -12,7 +12,7 @@ from machines import random_scene
 
 from stewart_crosscheck.crosscheck import tolerance
 from stewart_crosscheck.crosscheck.balance import balance
-from stewart_crosscheck.crosscheck.compare import agreement, expected, scales
+from stewart_crosscheck.crosscheck.compare import agreement, expected
 from stewart_crosscheck.crosscheck.engine import (
     HULL,
     LOOPS,
@@ -23,6 +23,7 @@ from stewart_crosscheck.crosscheck.engine import (
     load_engine,
     routes,
 )
+from stewart_crosscheck.crosscheck.scales import scales
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, load_scene
 
@@ -197,19 +198,21 @@ def test_every_tolerance_has_a_name_and_a_reason() -> None:
 
 
 @pytest.mark.parametrize(
-    ("condition", "sin_q_n", "factor"),
-    [(39.0, 0.02, 1.0), (400.0, 0.25, 10.0), (1.0, 1e-4, 100.0), (4e3, 0.1, 100.0), (np.nan, 0.5, 1.0)],
+    ("condition", "sin_q_n", "reach", "factor"),
+    [
+        (39.0, 0.02, 9.0, 1.0),
+        (400.0, 0.25, 3.0, 10.0),
+        (1.0, 1e-4, 3.0, 100.0),
+        (4e3, 0.1, 3.0, 100.0),
+        (np.nan, 0.5, np.nan, 1.0),
+        (4e3, 0.1, 1e3, 1e4),
+    ],
 )
-def test_the_tolerance_of_forces_grows_with_condition_and_steep_legs(
-    condition: float, sin_q_n: float, factor: float
+def test_the_tolerance_of_forces_grows_with_condition_steep_legs_and_reach(
+    condition: float, sin_q_n: float, reach: float, factor: float
 ) -> None:
-    wider = tolerance.of_forces(np.array([1.0, condition]), np.array([0.5, sin_q_n]))
+    wider = tolerance.of_forces(np.array([1.0, condition]), np.array([0.5, sin_q_n]), np.array([2.0, reach]))
     np.testing.assert_allclose(wider, [1.0, factor])
-
-
-def test_the_tolerance_of_loops_grows_with_steep_legs_by_level() -> None:
-    for level in range(3):
-        np.testing.assert_allclose(tolerance.of_loops(np.array([0.3, 0.002]), level), [1.0, 50.0**level])
 
 
 def hard_at(trajectory: Trajectory, sample: int) -> Trajectory:

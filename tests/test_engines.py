@@ -22,6 +22,7 @@ from stewart_crosscheck.crosscheck.engine import (
     load_engine,
     quantity,
 )
+from stewart_crosscheck.crosscheck.scales import scales
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, write_models
 
@@ -98,6 +99,7 @@ def test_hard_poses_keep_to_the_law_of_the_tolerance(
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
     rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
+    rows = rows[~rows["quantity"].isin(LOOPS)]  # below
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel", "tolerance"]]
     margin = (rows["tolerance"] / rows["max_rel"])[rows["engine"] == engine_name].min()
     assert margin < 1e4
@@ -108,7 +110,7 @@ def test_hard_poses_keep_to_the_law_of_the_tolerance(
 def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
     engine_name: str, distance: float, hexapod: Scene
 ) -> None:
-    """Accelerations of the base grow as 1/s^2: the gap stays below the bound, which is not wide by five orders."""
+    """Velocities of the base grow as 1/s and accelerations as 1/s^2, and so do roundings of the tip's."""
     scene, trajectory = hard_scene(hexapod, "steep", distance)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
@@ -119,7 +121,14 @@ def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
     )
     assert set(rows.loc[list(LOOPS), "verdict"]) == {"pass"}, rows[["max_rel", "tolerance"]]
     assert rows.loc["loop_pos", "tolerance"] == 1e-14
-    assert rows.loc["loop_acc", "tolerance"] == pytest.approx(1e-14 * (0.1 / trajectory.sin_q_n[0]) ** 2)
+    v, a, L = trajectory.v, trajectory.a, trajectory.q["s1"] + scene.leg.a
+    speed = np.abs(v["o1"]) + np.abs(v["n1"])
+    square = speed**2 + np.abs(v["o1"] * v["n1"]) + np.abs(a["o1"]) + np.abs(a["n1"])
+    size = scales(scene, trajectory, results["reference"])
+    for level, turning, scale in (("loop_vel", speed, size.speed), ("loop_acc", square, size.acceleration)):
+        # Twenty roundings of the largest term of the tip's motion.
+        wanted = max(1e-14, 20.0 * 2.0**-52 * float((L * turning)[0]) / scale)
+        assert rows.loc[level, "tolerance"] == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_load_counts(engine_name: str) -> None:

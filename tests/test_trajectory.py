@@ -22,7 +22,7 @@ from stewart_crosscheck.crosscheck.trajectory import (
     from_file,
     from_scene,
 )
-from stewart_crosscheck.models import Scene
+from stewart_crosscheck.models import Scene, load_scene
 
 COLUMNS = (*POSE, *RATES)
 
@@ -447,7 +447,7 @@ def test_all_platform_pins_in_one_place_are_a_singular_pose(hexapod: Scene) -> N
     platform = hexapod.platform.model_copy(update={"pins": ((0.1, 0.0, 0.1),) * 6})
     with pytest.raises(TrajectoryError) as e:
         from_scene(hexapod.model_copy(update={"platform": platform}), 5)
-    message = r"motion: t = [\d.]+ s: singular pose: sample \d, leg [1-6]: row-scaled condition .* = \S+, above 1e\+12"
+    message = r"motion: t = [\d.]+ s: singular pose: sample \d, leg [1-6]: condition of the .* = \S+, above 1e\+12"
     assert e.match(message)
 
 
@@ -484,8 +484,8 @@ def test_a_leg_of_hardly_any_length_is_refused(length: float, hexapod: Scene) ->
         from_scene(at_tip, 8)
 
 
-def test_the_condition_is_that_of_rows_scaled_to_one(hexapod: Scene) -> None:
-    """By hand for one pose: columns [y; r x y], rows of length one, the library's condition number."""
+def test_the_condition_is_that_of_moments_over_the_longest_lever(hexapod: Scene) -> None:
+    """By hand: columns [y; r x y / lever], the library's condition number."""
     trajectory = from_scene(hexapod, 3)
     for k in range(3):
         columns = []
@@ -495,9 +495,49 @@ def test_the_condition_is_that_of_rows_scaled_to_one(hexapod: Scene) -> None:
             y = l / np.linalg.norm(l)
             columns.append([*y, *np.cross(r, y)])
         A = np.array(columns).T
-        scaled = A / np.linalg.norm(A, axis=1, keepdims=True)
+        scaled = A / np.array([[1.0]] * 3 + [[max(np.linalg.norm(p) for p in hexapod.pins)]] * 3)
         assert trajectory.condition[k] == pytest.approx(np.linalg.cond(scaled), rel=1e-12)
         assert abs(np.linalg.cond(A) / np.linalg.cond(scaled) - 1) > 0.1  # the scaling does something
+
+
+@pytest.mark.parametrize("turn", [1e-3, 1e-6, 1e-9])
+def test_legs_that_nearly_meet_in_the_centre_are_ill_conditioned(turn: float, hexapod: Scene) -> None:
+    """No force holds a moment there: all three rows are small, and the condition says how small."""
+    scene = concurrent(hexapod, turn)
+    assert from_scene(scene, 1).condition[0] == pytest.approx(3.34 / turn, rel=0.01)  # the first-order lever of a turn
+
+
+def test_legs_that_meet_in_the_centre_are_a_singular_pose(hexapod: Scene) -> None:
+    with pytest.raises(TrajectoryError, match="in a parallel singularity"):
+        from_scene(concurrent(hexapod, 0.0), 1)
+    motion = from_scene(concurrent(hexapod, 1e-9), 1).motion
+    still = motion._replace(R=np.eye(3)[None])
+    with pytest.raises(analytic.SingularPose, match="in a parallel singularity"):
+        analytic.inverse_dynamics(concurrent(hexapod, 0.0).parameters, still)
+
+
+def concurrent(scene: Scene, turn: float) -> Scene:
+    """Hull pins three times as far as the platform's, in the same directions from its centre; turned by a little."""
+    data = scene.model_dump(by_alias=True)
+    data["hull"]["pins"] = tuple(tuple(3.0 * x for x in pin) for pin in data["platform"]["pins"])
+    data["motion"]["position"] = ({}, {}, {})
+    angles = ({"c0": turn}, {"c0": 0.7 * turn}, {"c0": -0.4 * turn})
+    data["motion"]["orientation"] = {"kind": "rotation_vector", "components": angles}
+    return Scene.model_validate(data)
+
+
+def test_reach_is_over_the_shortest_length(hexapod: Scene) -> None:
+    """The farthest pin over the longest lever, shorter than any leg here; over the shortest leg for a point mass."""
+    trajectory = from_scene(hexapod, 3)
+    tips = trajectory.position[:, None] + np.einsum("tij,nj->tni", trajectory.rotation, np.array(hexapod.pins))
+    far = max(np.linalg.norm(hexapod.hull.pins, axis=1).max(), np.linalg.norm(tips[1], axis=1).max())
+    lever = max(np.linalg.norm(p) for p in hexapod.pins)
+    assert trajectory.reach[1] == pytest.approx(far / lever, rel=1e-12)
+    point = load_scene("pointmass2")
+    motion = from_scene(point, 3)
+    L = np.linalg.norm(motion.position[1] - np.array(point.hull.pins), axis=1)
+    far = max(np.linalg.norm(motion.position[1]), np.linalg.norm(point.hull.pins, axis=1).max())
+    assert motion.reach[1] == pytest.approx(far / L.min(), rel=1e-12)
 
 
 def test_a_path_that_is_no_text_is_spelled_out(hexapod: Scene, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms, tree_facts
-from ..native import Answer, in_plane
+from ..native import Answer, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..time_step import defects
@@ -149,7 +149,7 @@ class DartEngine(SteppingEngine):
         """The second of two steps."""
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
-    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+    def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
         """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
 
         A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
@@ -159,11 +159,10 @@ class DartEngine(SteppingEngine):
         of_tree = np.array([sk.getDof(d).getTreeIndex() for d in range(sk.getNumDofs())])
         tau = np.zeros_like(state.v)
         tau[:, self.actuated()] = F
-        a, M, loop_forces = np.empty_like(tau), np.empty((*tau.shape, tau.shape[1])), np.zeros((len(F), scene.N, 3))
+        a, loop_forces = np.empty_like(tau), np.zeros((len(F), scene.N, 3))
         with self._world(state, dt, 0.0) as world:
             for k in range(len(F)):
                 self._set(state, k)
-                M[k] = sk.getMassMatrix()
                 sk.integratePositions(-dt)
                 R: list[np.ndarray] = []
                 for _ in range(2):
@@ -179,8 +178,7 @@ class DartEngine(SteppingEngine):
                     force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
                     loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
         # Velocities are rounded before they are divided by the time step.
-        left = defects(self, state, terms, M, a, loop_forces, dt, MIXING)
-        return Answer(a, loop_forces, M, *left, condition=1.0 / dt)
+        return Answer(a, loop_forces, *defects(self, state, terms, hard, dt, MIXING), condition=1.0 / dt)
 
     @contextlib.contextmanager
     def _world(self, state: State, dt: float, reduction: float) -> Iterator[Any]:

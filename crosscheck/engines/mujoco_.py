@@ -17,7 +17,7 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms
-from ..native import Answer, in_plane, mobility
+from ..native import Answer, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
@@ -35,6 +35,7 @@ class MujocoEngine(SteppingEngine):
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
     setting: ClassVar[str] = "mj_inverse, mj_rnePostConstraint"
+    inertia_floor: ClassVar[float] = FLOOR
     law: ClassVar[Law] = Law(
         "softness",
         "a row is softened by R, (1 - d)/d times what MuJoCo takes for J M^-1 J^T at the impedance d: the loops"
@@ -131,7 +132,7 @@ class MujocoEngine(SteppingEngine):
         """On a copy of the model: the MJCF has MuJoCo's defaults."""
         return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
 
-    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+    def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
         """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
         beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
@@ -146,8 +147,7 @@ class MujocoEngine(SteppingEngine):
         d = mj.MjData(m)
         motors = [m.actuator(f"F{i}").id for i in scene.legs]
         nt, axes = len(F), list(scene.loop_axes)
-        a, M, R = np.empty((nt, m.nv)), np.empty((nt, m.nv, m.nv)), np.empty((nt, scene.N, 3))
-        loop_forces = np.empty((nt, scene.N, 3))
+        a, R, loop_forces = np.empty((nt, m.nv)), np.empty((nt, scene.N, 3)), np.empty((nt, scene.N, 3))
         for k in range(nt):
             d.qpos, d.qvel, d.ctrl[motors] = state.q[k], state.v[k], F[k]
             mj.mj_fwdPosition(m, d)
@@ -155,12 +155,12 @@ class MujocoEngine(SteppingEngine):
             mj.mj_forward(m, d)
             self._require_rows(d)
             a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
-            mj.mj_fullM(m, d, M[k])
         self._require_quiet(d)
-        closure = -(R * loop_forces)[..., axes].reshape(nt, scene.nc)
-        # What the solver factors is M + J^T R^-1 J.
-        stiffness = np.einsum("tii->ti", mobility(M, terms.J)) / R[..., axes].reshape(nt, scene.nc)
-        return Answer(a, loop_forces, M, np.zeros_like(a), closure, float(stiffness.max()))
+        R = R[..., axes].reshape(nt, scene.nc)
+        soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
+        closure = -R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
+        stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
+        return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""

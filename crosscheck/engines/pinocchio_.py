@@ -13,7 +13,7 @@ from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
 from ..kkt import State, Terms, tree_facts
-from ..native import Answer, in_plane, mobility
+from ..native import Answer, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
@@ -159,16 +159,14 @@ class PinocchioEngine(SteppingEngine):
         """No accuracy stops the steps before rounding does."""
         return f"constraintDynamics, CONTACT_3D, mu {self.mu:g}, {self.iterations} iterations"
 
-    def answer(self, state: State, terms: Terms, F: np.ndarray) -> Answer:
+    def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
         """``constraintDynamics`` under driving forces and load, both as generalized forces."""
         a, loop_forces = self._solved(state, F)
-        M = self.mass_matrix(state)
-        A = mobility(M, terms.J)
-        shrink = np.linalg.solve(A + self.mu * np.eye(self.scene.nc), self.mu * np.eye(self.scene.nc))
-        left = loop_forces[..., list(self.scene.loop_axes)].reshape(len(F), -1, 1)
+        mu = self.mu * np.eye(self.scene.nc)
+        shrink, left = np.linalg.solve(hard.A + mu, mu), hard.multipliers[..., None]
         for _ in range(self.iterations):
             left = shrink @ left
-        return Answer(a, loop_forces, M, np.zeros_like(a), -(A @ left)[..., 0])
+        return Answer(a, loop_forces, np.zeros_like(a), -(hard.A @ left)[..., 0])
 
     def _solved(self, state: State, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (nt, nv) and loop forces (nt, N, 3) of ``constraintDynamics``."""

@@ -1,0 +1,125 @@
+"""What an engine may be off by at each sample: rounding, the law of its own solver, inertia that its format adds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..models.scene import Scene
+from .engine import HULL, LOOPS, PLATFORM, DynamicsResult, values
+from .scales import Scales
+from .tolerance import (
+    CLOSURE,
+    LAW_FACTOR,
+    RADIUS,
+    ROUND_OFF,
+    TERMS,
+    of_accelerations,
+    of_forces,
+    of_momentum,
+    of_positions,
+)
+from .trajectory import Trajectory
+
+
+def allowed(
+    scene: Scene,
+    trajectory: Trajectory,
+    result: DynamicsResult,
+    truth: DynamicsResult,
+    name: str,
+    size: Scales,
+    floor: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest error over the scale, and what it is called, at each sample of the result.
+
+    Nothing of it hangs on what the engine answers.  ``floor``: smallest moment of inertia [kg m^2] that its format has.
+    """
+    if result is truth:
+        return np.full(len(result.samples), RADIUS.value), np.full(len(result.samples), RADIUS.name)
+    at = trajectory.at(result.samples)
+    if name in LOOPS:
+        still, turning = CLOSURE.value * of_positions(at.reach), of_turning_loops(scene, at, name, size)
+        return np.maximum(still, turning), _names(CLOSURE.name, np.maximum(still, turning) / CLOSURE.value)
+    if name in ("balance", *HULL):  # sums of forces against momentum: errors that grow with the condition cancel
+        wider = of_momentum(at.sin_q_n, at.reach)
+    elif name in PLATFORM:  # of a route that has the truth's samples
+        wider = wider_accelerations(scene, at, truth, size)
+    else:
+        wider = of_forces(at.condition, at.sin_q_n, at.reach)
+    rounding, added = ROUND_OFF.value * wider, of_floor(scene, at, name, size, floor)
+    if result.platform is not None:
+        rounding = ROUND_OFF.value * np.maximum(wider, result.amplification * of_positions(at.reach))
+        rounding += of_turning_legs(scene, at, name, size)
+    if result.law is None:
+        return rounding + added, np.where(added > rounding, "inertia_floor", _names(ROUND_OFF.name, wider))
+    law = values(scene, replace(result, **result.predicted), name)
+    off = np.linalg.norm(law, axis=2).max(axis=1) / size.of(name)
+    return LAW_FACTOR * off + rounding + added, np.full(len(off), f"law_of_{result.law.name}")
+
+
+def _names(name: str, wider: np.ndarray) -> np.ndarray:
+    return np.where(wider > 1.0, f"{name}_ill_conditioned", name)
+
+
+def wider_accelerations(scene: Scene, at: Trajectory, truth: DynamicsResult, size: Scales) -> np.ndarray:
+    """How much wider a tolerance of the platform's accelerations is at each sample of the truth, at least 1."""
+    largest = np.linalg.norm(truth.reactions[..., 3:], axis=2).max(axis=1)
+    share = max(_per_force(scene, name, size) for name in PLATFORM)
+    return of_accelerations(largest * share, at.sin_q_n, at.reach)
+
+
+def _per_force(scene: Scene, name: str, size: Scales) -> float:
+    """What a force on a pin makes of a quantity, per newton and over its scale; accelerations of the platform alone."""
+    response = {"a": 1.0 / scene.platform.mass, "alpha": size.lever / scene.platform.least_inertia}
+    return response.get(name, size.of(name) / size.force) / size.of(name)
+
+
+def _turning(scene: Scene, at: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the angular velocity [1/s] and of its square plus the angular acceleration [1/s^2] of legs, (nt, N)."""
+    hinges = "on" if scene.topology == "spatial" else "n"
+    v, a = (np.array([[np.abs(x[f"{c}{i}"]) for i in scene.legs] for c in hinges]) for x in (at.v, at.a))
+    return v.sum(axis=0).T, (v.sum(axis=0) ** 2 + v.prod(axis=0) + a.sum(axis=0)).T
+
+
+def _legs(scene: Scene, at: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths [m] and sines of the legs, (nt, N)."""
+    q_s, q_n = (np.array([at.q[f"{c}{i}"] for i in scene.legs]).T for c in "sn")
+    return q_s + scene.leg.a, np.abs(np.sin(q_n)) if scene.topology == "spatial" else np.ones_like(q_n)
+
+
+def of_turning_loops(scene: Scene, at: Trajectory, name: str, size: Scales) -> np.ndarray:
+    """Rounding (nt,), over the scale, of a tip's velocity or acceleration: terms cancel where a leg turns fast."""
+    speed, square = _turning(scene, at)
+    largest = {"loop_pos": np.zeros_like(speed), "loop_vel": speed, "loop_acc": square}[name]
+    return TERMS * np.finfo(float).eps * (_legs(scene, at)[0] * largest).max(axis=1) / size.of(name)
+
+
+def of_turning_legs(scene: Scene, at: Trajectory, name: str, size: Scales) -> np.ndarray:
+    """Rounding (nt,), over the scale, of the forces that legs need to turn, which an engine solves accelerations from.
+
+    A leg that passes the vertical turns its base so fast that large terms cancel.
+    """
+    leg, (L, sine) = scene.leg, _legs(scene, at)
+    inertia = leg.guide.J_x + leg.rod.J_x + leg.rod.mass * (L - leg.a) ** 2
+    force = np.finfo(float).eps * (inertia * _turning(scene, at)[1] / (L * sine)).sum(axis=1)
+    return force * np.fmax(1.0, at.condition) * _per_force(scene, name, size)
+
+
+def of_floor(scene: Scene, at: Trajectory, name: str, size: Scales, floor: float) -> np.ndarray:
+    """Bound of the change (nt,), over the scale, when moments of inertia below `floor` are raised to it.
+
+    A body with angular velocity w and acceleration dw needs at most J (|dw| + w^2) more; the passive hinges of a leg
+    turn that into forces across it by the levers L and L sin q_n, which the platform's equations hand to all legs.
+    """
+    leg, platform = scene.leg, scene.platform
+    moments = [leg.guide.central_J_x, leg.rod.J_x]
+    moments += [leg.guide.J_y, leg.rod.J_z] if scene.topology == "spatial" else []
+    moments += [leg.base.J_z] if leg.base else []
+    L, sine = _legs(scene, at)
+    force = sum(max(0.0, floor - J) for J in moments) * (_turning(scene, at)[1] / (L * sine)).sum(axis=1)
+    if scene.freedom == "planar":
+        turning = np.abs(at.angular_acceleration[:, 2]) + at.angular_velocity[:, 2] ** 2
+        force += max(0.0, floor - platform.least_inertia) * turning / size.lever
+    return force * np.fmax(1.0, at.condition) * _per_force(scene, name, size)
