@@ -32,7 +32,7 @@ from .problem import pose
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, require_determinate
 from .run import run as run_scene
 from .simulate import simulate as simulate_problem
-from .tolerance import EASY_CONDITION, EASY_SIN_Q_N
+from .tolerance import EASY_CONDITION, EASY_REACH, EASY_SIN_Q_N
 from .trajectory import SAMPLES, TrajectoryError, from_file, from_scene
 
 UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
@@ -126,7 +126,8 @@ def run(
     if facts["wider_samples"]:
         console.print(
             f"the tolerance of forces and moments is wider at {facts['wider_samples']} of {facts['samples']} samples"
-            f" (condition above {EASY_CONDITION:g} or sin q_n below {EASY_SIN_Q_N:g}), up to"
+            f" (condition above {EASY_CONDITION:g}, sin q_n below {EASY_SIN_Q_N:g}, or pins farther from the origin than"
+            f" {EASY_REACH:g} times the shortest length), up to"
             f" {facts['widest_tolerance']:.1e}",
             highlight=False,
             style="yellow",
