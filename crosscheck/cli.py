@@ -126,8 +126,8 @@ def run(
     if facts["wider_samples"]:
         console.print(
             f"the tolerance of forces and moments is wider at {facts['wider_samples']} of {facts['samples']} samples"
-            f" (condition above {EASY_CONDITION:g}, sin q_n below {EASY_SIN_Q_N:g}, or pins more than {EASY_REACH:g} times"
-            " the shortest length off the origin), up to"
+            f" (condition above {EASY_CONDITION:g}, sin q_n below {EASY_SIN_Q_N:g}, or pins more than {EASY_REACH:g}"
+            " times the shortest length off the origin), up to"
             f" {facts['widest_tolerance']:.1e}",
             highlight=False,
             style="yellow",
