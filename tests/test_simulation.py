@@ -428,6 +428,16 @@ def test_a_law_that_ends_early_wants_the_order_too(hexapod: Scene) -> None:
     assert "expected 4" in table["reason"][0]
 
 
+@pytest.mark.parametrize(("jump", "verdict"), [(4e-7, "pass"), (8e-7, "fail")])
+def test_the_first_ten_steps_follow_no_order_yet(jump: float, verdict: str, hexapod: Scene) -> None:
+    """The larger step is 1/120 s, so that what is allowed after 0.1 s, 6e-7 m, is so from the start, and no more."""
+    problem = pose(hexapod, 0.5, 21)
+    coarse, fine = fake(problem, 1.6e-5), fake(problem, 1e-6)
+    fine.position[1, 0] += jump  # after 0.025 s; the law alone would allow 1.5e-7 m there
+    table = judged(problem, {PAIR[0]: coarse, PAIR[1]: fine})
+    assert table["verdict"][1] == verdict, table["reason"].tolist()
+
+
 def test_a_run_without_its_partner_has_no_law(hexapod: Scene) -> None:
     problem = pose(hexapod, 0.5, 3)
     table = judged(problem, {PAIR[0]: fake(problem, 1e-6), PAIR[1]: Failure("fell over")})
@@ -441,7 +451,8 @@ def test_a_run_without_its_partner_has_no_law(hexapod: Scene) -> None:
         ({"by": 5e-12}, 0.0, "pass"),
         ({"by": 1e-10}, 0.0, "fail"),
         ({"by": 0.0, "tilt": 1e-10}, 0.0, "fail"),
-        ({"by": 1e-10}, 3.0, "pass"),  # e^3 times more after 2 s than after 1 s
+        ({"by": 1e-10}, 5.0, "pass"),  # e^10 times more after 2 s, of which a thousand is easy
+        ({"by": 1e-9}, 5.0, "fail"),
         ({"by": 0.0, "energy": 1e-10}, 3.0, "fail"),
         ({"by": math.nan}, 0.0, "fail"),
     ],
