@@ -195,7 +195,10 @@ def solve(
     try:
         x[~undetermined] = np.linalg.solve(K[~undetermined], b[~undetermined, :, None])[..., 0]
     except np.linalg.LinAlgError:
-        raise EngineError(f"{engine}: the {nv} x {nv} matrix of actuators and loops is singular") from None
+        worst = np.flatnonzero(~undetermined)[np.abs(np.linalg.det(K[~undetermined])).argmin()]
+        raise EngineError(
+            f"{engine}: sample {worst}: the {nv} x {nv} matrix of actuators and loops is singular"
+        ) from None
     for k in np.flatnonzero(undetermined):
         x[k] = _shortest(engine, int(k), K[k], b[k], na)
     require_finite(engine, forces=x)
