@@ -538,20 +538,20 @@ def test_without_certified_forces_accelerations_are_an_error(hexapod: Scene, tmp
     }
 
 
-def test_the_control_of_mujoco_is_put_back(hexapod: Scene) -> None:
-    mujoco = pytest.importorskip("mujoco")
+@pytest.mark.parametrize("engine_name", ["mujoco"], indirect=True)
+def test_the_control_of_mujoco_is_put_back(engine_name: str, hexapod: Scene) -> None:
     problem = pose(hexapod, 0.01, 2)
-    engine = stepping_engine("mujoco", hexapod)
+    engine: Any = stepping_engine(engine_name, hexapod)
     engine.simulate(problem, engine.methods(problem)[2])
-    assert mujoco.get_mjcb_control() is None
+    assert engine.mj.get_mjcb_control() is None
 
 
-def test_what_is_global_in_dart_is_put_back(hexapod: Scene) -> None:
-    dart = pytest.importorskip("dartpy")
-    joint = dart.constraint.BallJointConstraint
-    before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
+@pytest.mark.parametrize("engine_name", ["dart"], indirect=True)
+def test_what_is_global_in_dart_is_put_back(engine_name: str, hexapod: Scene) -> None:
     problem = pose(hexapod, 0.01, 2)
-    engine = stepping_engine("dart", hexapod)
+    engine: Any = stepping_engine(engine_name, hexapod)
+    joint = engine.dart.constraint.BallJointConstraint
+    before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
     engine.simulate(problem, engine.methods(problem)[2])
     assert (joint.getErrorReductionParameter(), joint.getConstraintForceMixing()) == before
 
