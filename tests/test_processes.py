@@ -205,6 +205,31 @@ def test_an_interrupted_command_writes_nothing_and_leaves_no_process(
     assert not _alive(running.pid)
 
 
+def test_processes_that_only_just_start_do_not_hear_an_interrupt(tmp_path: Path) -> None:
+    """A terminal sends Ctrl-C to all: what a worker says when its start is disturbed is nobody's concern."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, pathlib, sys, time\n"
+        "if '--multiprocessing-fork' in sys.orig_argv:\n"
+        "    pathlib.Path(f'begun{os.getpid()}').touch()\n"
+        "    time.sleep(600)\n"
+    )
+    running = subprocess.Popen(
+        [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "--samples", "1", "--engine", "analytic"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60
+    while len(list(tmp_path.glob("begun*"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(1.0)  # while it starts processes, the command does not hear it either
+    os.killpg(running.pid, signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert (running.returncode, err) == (130, "crosscheck: interrupted; nothing was written\n")
+
+
 def _alive(group: int) -> list[str]:
     """Processes of a group that are not just waiting to be reaped."""
     found = []
