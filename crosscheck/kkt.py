@@ -197,7 +197,11 @@ def solve(
     try:
         x[~undetermined] = np.linalg.solve(K[~undetermined], b[~undetermined, :, None])[..., 0]
     except np.linalg.LinAlgError:
-        raise EngineError(f"{engine}: the {nv} x {nv} matrix of actuators and loops is singular") from None
+        sign, _ = np.linalg.slogdet(K[~undetermined])  # the same factors: a pivot is zero
+        sample = np.flatnonzero(~undetermined)[np.argmax(sign == 0.0)]
+        raise EngineError(
+            f"{engine}: sample {sample}: the {nv} x {nv} matrix of actuators and loops is singular"
+        ) from None
     for k in np.flatnonzero(undetermined):
         x[k] = _shortest(engine, int(k), K[k], b[k], na)
     require_finite(engine, forces=x)

@@ -187,7 +187,7 @@ def _undetermined(scene: Scene, trajectory: Trajectory) -> str:
     count = int(trajectory.undetermined.sum())
     if not count:
         return ""
-    free, held = "one combination of driving forces", "the others"
+    free, held = "a third one", "two combinations of the three driving forces"
     if scene.N == 2:  # they push along one line, against each other if they point towards each other
         first = int(np.argmax(trajectory.undetermined))
         apart = [trajectory.position[first] - np.array(pin) for pin in scene.hull.pins]

@@ -31,7 +31,10 @@ class Base(Table):
 
 
 class Guide(Table):
-    """Guide: mass [kg], centre of mass at com [m] along y_n, J_x = J_z and J_y [kg m^2] about O_n (planar: no J_y)."""
+    """Guide: mass [kg], centre of mass at com [m] along y_n, J_x = J_z and J_y [kg m^2] about O_n.
+
+    A planar scene need not give J_y and does not use it: nothing turns about the leg's long axis.
+    """
 
     mass: Positive
     com: Finite
@@ -58,7 +61,7 @@ class Guide(Table):
 
 
 class Rod(Table):
-    """Rod: mass [kg], central J_x = J_y transverse and J_z along y_n [kg m^2] (planar: no J_z)."""
+    """Rod: mass [kg], central J_x = J_y transverse and J_z along y_n [kg m^2]; a planar scene does not use J_z."""
 
     mass: Positive
     J_x: Positive
@@ -173,7 +176,7 @@ class InitialOrientation(Table):
 
 
 class Initial(Table):
-    """Start of a simulation: pose and twist of the platform, world axes."""
+    """Start of a simulation: pose and twist of the platform, world axes. `run` does not read it."""
 
     position: Vector
     orientation: InitialOrientation | None = None
@@ -182,6 +185,6 @@ class Initial(Table):
 
 
 class LegForces(Table):
-    """Driving forces of a simulation [N], one component per leg."""
+    """Driving forces of a simulation [N], one component per leg. `run` does not read them."""
 
     legs: tuple[Component, ...]

@@ -265,29 +265,6 @@ def test_an_error_in_a_later_block_says_where_it_counts_from(
         engine.inverse_dynamics(trajectory)
 
 
-def test_the_solve_refuses_what_it_cannot_do() -> None:
-    tau, J, determined = np.ones((2, 4)), np.zeros((2, 3, 4)), np.zeros(2, dtype=bool)
-    with pytest.raises(EngineError, match="singular"):
-        kkt.solve("x", tau, J, [0], determined)
-    with pytest.raises(EngineError, match=r"nv = 4, expected na \+ nc = 2 \+ 3"):
-        kkt.solve("x", tau, J, [0, 1], determined)
-    with pytest.raises(EngineError, match="tau is not finite at sample 1"):
-        kkt.solve("x", np.array([[1.0] * 4, [1, np.inf, 1, 1]]), J, [0], determined)
-
-
-def test_an_undetermined_sample_has_the_shortest_forces_or_a_clear_error() -> None:
-    """Two slides that push on one mass: the sum of their forces is held, the difference is free."""
-    J = np.array([[[0.0, 0.0, 1.0]]])  # one loop row beside two actuators that do the same
-    held = np.array([True])
-    K = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    x = kkt._shortest("x", 0, K, np.array([3.0, 3.0, 5.0]), 2)
-    np.testing.assert_allclose(x, [1.5, 1.5, 5.0], rtol=0, atol=1e-15)  # rounding of one SVD
-    with pytest.raises(EngineError, match="sample 0: no forces give this motion: residual 1"):
-        kkt._shortest("x", 0, K, np.array([3.0, 1.0, 5.0]), 2)
-    with pytest.raises(EngineError, match="got rank 3, expected 2 of 3"):
-        kkt.solve("x", np.ones((1, 3)), J, [0, 1], held)
-
-
 def test_engines_are_found_by_their_files() -> None:
     assert engine_names() == ["analytic", "dart", "mujoco", "pinocchio", "reference"]
     for name in engine_names():

@@ -344,6 +344,41 @@ def test_a_singular_run_says_what_it_compares(collinear: Scene) -> None:
     )
 
 
+HEIGHTS = (-0.4, 0.1, 0.5)
+
+
+@pytest.fixture(scope="module")
+def parallel() -> Scene:
+    """An upright bar that three level legs move across itself: nothing pushes along it."""
+    data = load_scene("planar3").model_dump(by_alias=True)
+    data["gravity"] = (0.0, 0.0, 0.0)
+    data["platform"]["pins"] = data["hull"]["pins"] = tuple((0.0, y, 0.0) for y in HEIGHTS)
+    data["motion"]["position"] = ({"c0": 1.3, "terms": ((0.1, 3.0, 0.0),)}, {}, {})
+    data["motion"]["orientation"]["components"] = ({}, {}, {})
+    return Scene.model_validate(data)
+
+
+@pytest.mark.parametrize("engine_name", ["analytic", *ENGINES, "reference"], indirect=True)
+def test_three_parallel_legs_have_the_shortest_forces(engine_name: str, parallel: Scene) -> None:
+    """Their sum and their moment accelerate bar and rods; the shortest such forces are those of the pseudoinverse."""
+    trajectory = from_scene(parallel, 9)
+    assert trajectory.undetermined.all()
+    F = load_engine(engine_name)(parallel).inverse_dynamics(trajectory).F
+    m_p, m_s, x = parallel.platform.mass, parallel.leg.rod.mass, trajectory.acceleration[:, 0]
+    held = np.array([m_p + 3 * m_s, m_s * sum(HEIGHTS)])
+    want = np.outer(x, np.linalg.pinv(np.array([(1.0, 1.0, 1.0), HEIGHTS])) @ held)
+    np.testing.assert_allclose(F, want, rtol=0, atol=ROUNDING * np.abs(want).max())
+
+
+def test_a_singular_run_of_a_bar_says_what_it_compares(parallel: Scene) -> None:
+    report = run(parallel, from_scene(parallel, 3), ["analytic"])
+    assert report.info["trajectory"]["undetermined"] == (
+        "singular at 3 of 3 samples, rank 8 of 9: the motion determines two combinations of the three driving forces,"
+        " not a third one; compared are the shortest driving forces of that motion"
+    )
+    assert report.status == 0
+
+
 @pytest.mark.parametrize(("name", "N", "source"), [("planar3", 2, r"\(32\)"), ("pointmass2", 1, r"\(35\)")])
 def test_another_number_of_legs_is_refused_with_what_is_determined(name: str, N: int, source: str) -> None:
     scene = load_scene(name)

@@ -18,7 +18,8 @@ from stewart_crosscheck.crosscheck.trajectory import from_scene
 from stewart_crosscheck.models import Scene, load_scene, scene_names, write_models
 from stewart_crosscheck.models.mjcf import FLOOR
 
-LEGS = {"hexapod": 6, "hanging": 6, "tsai2000": 6, "planar3": 3, "pointmass2": 2, "collinear": 2}
+only_mujoco = pytest.mark.parametrize("engine_name", ["mujoco"], indirect=True)
+only_dart = pytest.mark.parametrize("engine_name", ["dart"], indirect=True)
 
 # bodies, velocities, actuators, closure equations
 SIZES = {
@@ -60,12 +61,13 @@ def test_an_engine_holds_the_bodies_velocities_rows_and_mass_of_the_scene(engine
     assert len(facts.floors) == bool(massless) + bool(planar_rows) + bool(flat)
 
 
+@pytest.mark.parametrize("engine_name", ["analytic", *ENGINES], indirect=True)
 @pytest.mark.parametrize("name", SIZES)
-def test_every_engine_agrees_with_truth(name: str) -> None:
+def test_every_engine_agrees_with_truth(engine_name: str, name: str) -> None:
     """Forces, moments, what the hull feels, loops, balance: everything a run compares, at its own tolerances."""
     scene = load_scene(name)
     trajectory = from_scene(scene, 9)
-    engines = {e: load_engine(e) for e in ("analytic", *ENGINES, "reference")}
+    engines = {e: load_engine(e) for e in (engine_name, "reference")}
     results = {e: engine(scene).inverse_dynamics(trajectory) for e, engine in engines.items()}
     rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[rows["verdict"] != "pass"][["engine", "quantity", "max_rel"]]
@@ -75,9 +77,9 @@ def test_every_engine_agrees_with_truth(name: str) -> None:
 # --- What a format cannot do without, measured ------------------------------------------------------------------------
 
 
-def test_the_inertia_that_mujoco_wants_changes_nothing_that_counts() -> None:
+@only_mujoco
+def test_the_inertia_that_mujoco_wants_changes_nothing_that_counts(engine_name: str) -> None:
     """The error of the driving forces is proportional to the floor; at 1e-15 kg m^2 it is far below rounding."""
-    pytest.importorskip("mujoco")
     scene = load_scene("tsai2000")
     trajectory = from_scene(scene, 9)
     truth = load_engine("reference")(scene).inverse_dynamics(trajectory).F
@@ -85,26 +87,26 @@ def test_the_inertia_that_mujoco_wants_changes_nothing_that_counts() -> None:
     floors = [1e-3, 1e-5, 1e-7]
     for floor in floors:
         models = {k: text.replace(f" {FLOOR!r} ", f" {floor!r} ") for k, text in write_models(scene).items()}
-        F = load_engine("mujoco")(scene, models).inverse_dynamics(trajectory).F
+        F = load_engine(engine_name)(scene, models).inverse_dynamics(trajectory).F
         errors.append(np.abs(F - truth).max() / np.abs(truth).max())
     slopes = np.diff(np.log(errors)) / np.diff(np.log(floors))
     np.testing.assert_allclose(slopes, 1.0, rtol=0, atol=0.02)  # the law has a second term, of the order of the floor
     assert errors[-1] / floors[-1] * FLOOR < 1e-14
 
 
-def test_an_inertia_below_mujocos_floor_is_raised_to_it() -> None:
-    pytest.importorskip("mujoco")
+@only_mujoco
+def test_an_inertia_below_mujocos_floor_is_raised_to_it(engine_name: str) -> None:
     data = load_scene("tsai2000").model_dump(by_alias=True, exclude_none=True)
     data["leg"]["guide"]["J_y"] = 1e-16
     scene = Scene.model_validate(data)
-    facts = load_engine("mujoco")(scene).inverse_dynamics(from_scene(scene, 1)).model
+    facts = load_engine(engine_name)(scene).inverse_dynamics(from_scene(scene, 1)).model
     assert facts is not None
     assert facts.floors == (f"{FLOOR:g} kg m^2 in place of a zero moment of inertia, bodies: 12",)
 
 
-def test_a_link_that_does_not_say_zero_would_weigh_a_kilogram_in_dart() -> None:
+@only_dart
+def test_a_link_that_does_not_say_zero_would_weigh_a_kilogram_in_dart(engine_name: str) -> None:
     """Why the massless links carry an explicit zero: the same URDF without it is another machine."""
-    pytest.importorskip("dartpy")
     scene = load_scene("pointmass2")
     models = write_models(scene)
     urdf = models["pointmass2.urdf"]
@@ -112,7 +114,7 @@ def test_a_link_that_does_not_say_zero_would_weigh_a_kilogram_in_dart() -> None:
     end = urdf.index("</link>", start) + len("</link>")
     models["pointmass2.urdf"] = urdf[:start] + '<link name="cart" />' + urdf[end:]
     trajectory = from_scene(scene, 1)
-    facts = load_engine("dart")(scene, models).inverse_dynamics(trajectory).model
+    facts = load_engine(engine_name)(scene, models).inverse_dynamics(trajectory).model
     assert facts is not None
     assert facts.mass == pytest.approx(sum(body.mass for body in scene.bodies) + 1.0, rel=1e-12)
 

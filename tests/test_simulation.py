@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import multiprocessing
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from stewart_crosscheck.analytic import PlatformMotion, State, growth_rates
 from stewart_crosscheck.analytic import simulate as simulate_analytic
 from stewart_crosscheck.analytic.stability import linearised
 from stewart_crosscheck.crosscheck import simulate as simulate_module
-from stewart_crosscheck.crosscheck import simulation, stepping
+from stewart_crosscheck.crosscheck import simulation, stepping, tasks
 from stewart_crosscheck.crosscheck.engine import Failure, load_engine
 from stewart_crosscheck.crosscheck.problem import Problem, Staged, pose
 from stewart_crosscheck.crosscheck.simulate import SimulationReport, simulate
@@ -477,7 +479,7 @@ def test_wrong_accelerations_fail(hexapod: Scene) -> None:
 # --- Failures ---------------------------------------------------------------------------------------------------------
 
 PLUGIN = """
-import os
+import os, signal, time
 from stewart_crosscheck.crosscheck.engines.analytic_ import AnalyticEngine
 from stewart_crosscheck.crosscheck.stepping import Method
 
@@ -486,6 +488,19 @@ class Base(AnalyticEngine):
     @classmethod
     def methods(cls, problem):
         return (Method("kkt", "", "none"),)
+
+class Hang(Base):
+    def simulate(self, problem, method):
+        time.sleep(60)
+
+class Killed(Base):
+    @classmethod
+    def methods(cls, problem):
+        return (Method("kkt", "", "none"), Method("kkt", "", "other"))
+    def simulate(self, problem, method):
+        if method.integrator == "none":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().simulate(problem, method)
 
 class Crash(Base):
     def simulate(self, problem, method):
@@ -510,30 +525,52 @@ class Few(Base):
 """
 
 
-def test_a_failure_is_that_engines_alone(hexapod: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Engines of another distribution that all fail, each in its own way."""
     (tmp_path / "falling_engines.py").write_text(PLUGIN)
     info = tmp_path / "falling_engines-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: falling-engines\nVersion: 1.0\n")
-    entries = [f"{name} = falling_engines:{name.capitalize()}" for name in ("crash", "nothing", "lost", "few")]
+    names = ("hang", "killed", "crash", "nothing", "lost", "few")
+    entries = [f"{name} = falling_engines:{name.capitalize()}" for name in names]
     (info / "entry_points.txt").write_text(
         "[stewart_crosscheck.engines]\n" + "\n".join([*entries, "broken = no_such_module:Engine"]) + "\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    report = simulate(pose(hexapod, 0.02, 3), ["crash", "nothing", "lost", "few", "broken"])
+    yield
     sys.modules.pop("falling_engines", None)
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_failure_is_that_engines_alone(hexapod: Scene) -> None:
+    report = simulate(pose(hexapod, 0.02, 3), ["killed", "crash", "nothing", "lost", "few", "broken"])
     table = report.simulation.set_index("engine")
     reasons = table[table["verdict"] == "error"]["reason"].to_dict()
     assert reasons == {
+        "killed": "its process was killed by SIGKILL (by someone, or for want of memory)",
         "crash": "its process died: SIGABRT; it last printed: engine: about to fall over",
         "nothing": "nothing: got NoneType, expected a Simulated",
         "lost": "lost: position is not finite at sample 2",
         "few": "few: velocity: got shape (1, 3), expected shape (3, 3)",
         "broken": "missing package: No module named 'no_such_module'",
     }
+    assert list(table.loc[["killed"], "verdict"]) == ["error", "pass"]  # the next task has a new process
     assert verdicts(report)["analytic", "closed_form"] == {"pass"}
     assert report.status == 3
     assert {f["engine"]: f["reason"] for f in report.info["failed"]} == reasons
+
+
+@pytest.mark.usefixtures("plugins")
+def test_an_engine_that_hangs_is_late(hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limit is so short that on a busy machine others may be late too."""
+    monkeypatch.setattr(tasks, "SECONDS", 2.0)
+    monkeypatch.setattr(tasks, "SECONDS_PER_SECOND", 0.0)
+    report = simulate(pose(hexapod, 0.02, 3), ["hang"])
+    late = report.simulation.set_index("engine").loc["hang"]
+    assert (late["verdict"], late["reason"]) == ("error", "no answer within 2 s")
+    assert report.status == 3
+    assert not multiprocessing.active_children()
 
 
 def test_without_certified_forces_accelerations_are_an_error(hexapod: Scene, tmp_path: Path) -> None:
@@ -549,20 +586,20 @@ def test_without_certified_forces_accelerations_are_an_error(hexapod: Scene, tmp
     }
 
 
-def test_the_control_of_mujoco_is_put_back(hexapod: Scene) -> None:
-    mujoco = pytest.importorskip("mujoco")
+@pytest.mark.parametrize("engine_name", ["mujoco"], indirect=True)
+def test_the_control_of_mujoco_is_put_back(engine_name: str, hexapod: Scene) -> None:
     problem = pose(hexapod, 0.01, 2)
-    engine = stepping_engine("mujoco", hexapod)
+    engine: Any = stepping_engine(engine_name, hexapod)
     engine.simulate(problem, engine.methods(problem)[2])
-    assert mujoco.get_mjcb_control() is None
+    assert engine.mj.get_mjcb_control() is None
 
 
-def test_what_is_global_in_dart_is_put_back(hexapod: Scene) -> None:
-    dart = pytest.importorskip("dartpy")
-    joint = dart.constraint.BallJointConstraint
-    before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
+@pytest.mark.parametrize("engine_name", ["dart"], indirect=True)
+def test_what_is_global_in_dart_is_put_back(engine_name: str, hexapod: Scene) -> None:
     problem = pose(hexapod, 0.01, 2)
-    engine = stepping_engine("dart", hexapod)
+    engine: Any = stepping_engine(engine_name, hexapod)
+    joint = engine.dart.constraint.BallJointConstraint
+    before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
     engine.simulate(problem, engine.methods(problem)[2])
     assert (joint.getErrorReductionParameter(), joint.getConstraintForceMixing()) == before
 
