@@ -16,6 +16,7 @@ from .tolerance import (
     ROUND_OFF,
     TERMS,
     of_accelerations,
+    of_cancelling,
     of_forces,
     of_momentum,
     of_positions,
@@ -43,11 +44,11 @@ def allowed(
         still, turning = CLOSURE.value * of_positions(at.reach), of_turning_loops(scene, at, name, size)
         return np.maximum(still, turning), _names(CLOSURE.name, np.maximum(still, turning) / CLOSURE.value)
     if name in ("balance", *HULL):  # sums of forces against momentum: errors that grow with the condition cancel
-        wider = of_momentum(at.sin_q_n, at.reach)
+        wider = of_momentum(at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
     elif name in PLATFORM:  # of a route that has the truth's samples
         wider = wider_accelerations(scene, at, truth, size)
     else:
-        wider = of_forces(at.condition, at.sin_q_n, at.reach)
+        wider = of_forces(at.condition, at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
     rounding, added = ROUND_OFF.value * wider, of_floor(scene, at, name, size, floor)
     if result.platform is not None:
         rounding = ROUND_OFF.value * np.maximum(wider, result.amplification * of_positions(at.reach))
@@ -74,6 +75,19 @@ def _per_force(scene: Scene, name: str, size: Scales) -> float:
     """What a force on a pin makes of a quantity, per newton and over its scale; accelerations of the platform alone."""
     response = {"a": 1.0 / scene.platform.mass, "alpha": size.lever / scene.platform.least_inertia}
     return response.get(name, size.of(name) / size.force) / size.of(name)
+
+
+def _burden(scene: Scene, at: Trajectory, size: Scales) -> np.ndarray:
+    """Weights, inertial forces and load (nt,) [N] that the platform's equations add up."""
+
+    def length(x: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(x, axis=-1)
+
+    turning = length(at.angular_acceleration) + length(at.angular_velocity) ** 2
+    tip = length(at.acceleration) + size.lever * turning
+    load = scene.load
+    outside = length(np.array(load.force)) + length(np.array(load.moment)) / size.lever if load else 0.0
+    return sum(body.mass for body in scene.bodies) * (length(np.array(scene.gravity)) + tip) + outside
 
 
 def _turning(scene: Scene, at: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -25,7 +25,10 @@ RANK = 1e-12
 """Singular values below this share of the largest count as zero: rounding of the matrix is 1e-16."""
 
 FEASIBLE = 1e-10
-"""Residual of a singular system, over its right side, that is still rounding."""
+"""Residual of a singular system, over its right side or the weight of all bodies, that is still rounding.
+
+A trajectory's own motion is feasible to 1e-14; what is above this is another model.
+"""
 
 
 class State(NamedTuple):
@@ -138,7 +141,8 @@ class KktEngine(ABC):
         terms = self.terms(state)
         joints = self.scene.joints
         actuated = [self.velocity_index(c) for j in joints if j.actuated for c in j.coordinates]
-        F, held = solve(self.name, terms.tau, terms.J, actuated, undetermined)
+        weight = sum(body.mass for body in self.scene.bodies) * float(np.linalg.norm(self.scene.gravity))
+        F, held = solve(self.name, terms.tau, terms.J, actuated, undetermined, weight)
         axes = list(self.scene.loop_axes)
         multipliers, gap_velocity = np.zeros_like(terms.gap), np.zeros_like(terms.gap)
         multipliers[..., axes] = held.reshape(len(F), -1, len(axes))
@@ -158,7 +162,7 @@ def tree_facts(masses: Mapping[str, float], velocities: int, rows: int) -> Model
 
 
 def solve(
-    engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int], undetermined: np.ndarray
+    engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int], undetermined: np.ndarray, weight: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Solve [S J^T] [F; lambda] = tau for every sample.
 
@@ -170,6 +174,7 @@ def solve(
     actuated : velocity index of each actuated joint.
     undetermined : ndarray of bool, shape (nt,)
         Samples whose matrix is expected to lack one rank: F is the shortest that the equations allow.
+    weight : of all bodies [N], which may cancel in tau.
 
     Returns
     -------
@@ -203,12 +208,12 @@ def solve(
             f"{engine}: sample {sample}: the {nv} x {nv} matrix of actuators and loops is singular"
         ) from None
     for k in np.flatnonzero(undetermined):
-        x[k] = _shortest(engine, int(k), K[k], b[k], na)
+        x[k] = _shortest(engine, int(k), K[k], b[k], na, weight)
     require_finite(engine, forces=x)
     return x[:, :na], x[:, na:]
 
 
-def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int) -> np.ndarray:
+def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int, weight: float) -> np.ndarray:
     """Solution of a system of one rank too few with the shortest F. Raises EngineError."""
     U, sigma, Vh = np.linalg.svd(K)
     rank = int((sigma > RANK * sigma[0]).sum())
@@ -216,7 +221,7 @@ def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int) -
         raise EngineError(f"{engine}: sample {sample}: got rank {rank}, expected {len(b) - 1} of {len(b)}")
     x = Vh[:rank].T @ ((U.T @ b)[:rank] / sigma[:rank])
     residual = float(np.abs(K @ x - b).max())
-    if residual > FEASIBLE * np.abs(b).max():
+    if residual > FEASIBLE * max(np.abs(b).max(), weight):
         raise EngineError(f"{engine}: sample {sample}: no forces give this motion: residual {residual:.6g} (N or N m)")
     free = Vh[rank]
     return x - free * (free[:na] @ x[:na]) / (free[:na] @ free[:na])

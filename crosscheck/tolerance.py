@@ -105,6 +105,14 @@ def of_momentum(sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
 
 
+def of_cancelling(burden: np.ndarray) -> np.ndarray:
+    """How much wider `ROUND_OFF` is at each sample, at least 1, because weights and inertial forces cancel.
+
+    ``burden``: their sum over the scale of forces: what falls freely is held by small ones.
+    """
+    return np.fmax(1.0, burden / EASY_SHARE)
+
+
 def of_forces(condition: np.ndarray, sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """How much wider `ROUND_OFF` is at each sample, at least 1.
 
