@@ -91,10 +91,13 @@ def _burden(scene: Scene, at: Trajectory, size: Scales) -> np.ndarray:
 
 
 def _turning(scene: Scene, at: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of the angular velocity [1/s] and of its square plus the angular acceleration [1/s^2] of legs, (nt, N)."""
+    """Bounds of the angular velocity [1/s] and of its square plus the angular acceleration [1/s^2] of legs, (nt, N).
+
+    The axes of o and n are square to each other, and the first one turns the second.
+    """
     hinges = "on" if scene.topology == "spatial" else "n"
     v, a = (np.array([[np.abs(x[f"{c}{i}"]) for i in scene.legs] for c in hinges]) for x in (at.v, at.a))
-    return v.sum(axis=0).T, (v.sum(axis=0) ** 2 + v.prod(axis=0) + a.sum(axis=0)).T
+    return v.sum(axis=0).T, (v.sum(axis=0) ** 2 + a.sum(axis=0)).T
 
 
 def _legs(scene: Scene, at: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -123,7 +123,7 @@ def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
     assert rows.loc["loop_pos", "tolerance"] == 1e-14
     v, a, L = trajectory.v, trajectory.a, trajectory.q["s1"] + scene.leg.a
     speed = np.abs(v["o1"]) + np.abs(v["n1"])
-    square = speed**2 + np.abs(v["o1"] * v["n1"]) + np.abs(a["o1"]) + np.abs(a["n1"])
+    square = speed**2 + np.abs(a["o1"]) + np.abs(a["n1"])
     size = scales(scene, trajectory, results["reference"])
     for level, turning, scale in (("loop_vel", speed, size.speed), ("loop_acc", square, size.acceleration)):
         # Twenty roundings of the largest term of the tip's motion.
