@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from .tolerance import (
     of_forces,
     of_momentum,
     of_positions,
+    times_easier,
 )
 from .trajectory import Trajectory
 
@@ -41,8 +43,11 @@ def allowed(
         return np.full(len(result.samples), RADIUS.value), np.full(len(result.samples), RADIUS.name)
     at = trajectory.at(result.samples)
     if name in LOOPS:
-        still, turning = CLOSURE.value * of_positions(at.reach), of_turning_loops(scene, at, name, size)
-        return np.maximum(still, turning), _names(CLOSURE.name, np.maximum(still, turning) / CLOSURE.value)
+        still = CLOSURE.value * of_positions(at.reach)
+        if name == "loop_acc":  # MuJoCo counts gravity among accelerations
+            still *= of_cancelling(math.hypot(*scene.gravity) / size.of(name))
+        bound = np.maximum(still, of_turning_loops(scene, at, name, size))
+        return bound, _names(CLOSURE.name, bound / CLOSURE.value)
     if name in ("balance", *HULL):  # sums of forces against momentum: errors that grow with the condition cancel
         wider = of_momentum(at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
     elif name in PLATFORM:  # of a route that has the truth's samples
@@ -51,8 +56,8 @@ def allowed(
         wider = of_forces(at.condition, at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
     rounding, added = ROUND_OFF.value * wider, of_floor(scene, at, name, size, floor)
     if result.platform is not None:
-        rounding = ROUND_OFF.value * np.maximum(wider, result.amplification * of_positions(at.reach))
-        rounding += of_turning_legs(scene, at, name, size)
+        solver = times_easier(result.amplification) * np.maximum(wider, times_easier(result.mobility))
+        rounding = ROUND_OFF.value * solver + of_turning_legs(scene, at, name, size)
     if result.law is None:
         return rounding + added, np.where(added > rounding, "inertia_floor", _names(ROUND_OFF.name, wider))
     law = values(scene, replace(result, **result.predicted), name)

@@ -75,9 +75,9 @@ class DynamicsResult:
     model.  ``model``: what it counts there.  Of the certified reference alone: ``radius``, proven radii of F,
     reactions, L, dL, hull, by these names, and ``hull`` (nt, 6): moment and force on the hull about the mean of its
     pins, from the rate of momentum.  Of forward dynamics alone, whose ``F`` is what was handed in: ``platform``
-    (nt, 6), its acceleration and angular acceleration in world axes; ``amplification`` (nt,), what its solver makes of
-    rounding, beside a well-conditioned direct solve; and, if the solver is known not to be exact, its ``law`` with the
-    errors ``predicted`` for reactions and platform, by these names and in their shapes.
+    (nt, 6), its acceleration and angular acceleration in world axes; ``mobility`` (nt,), condition of J M^-1 J^T;
+    ``amplification``, what its solver makes of rounding beside a direct solve; and, if the solver is known not to be
+    exact, its ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes.
     """
 
     engine: str
@@ -94,7 +94,8 @@ class DynamicsResult:
     hull: np.ndarray | None = None
     model: ModelFacts | None = None
     platform: np.ndarray | None = None
-    amplification: np.ndarray | float = 1.0
+    mobility: np.ndarray | float = 1.0
+    amplification: float = 1.0
     law: Law | None = None
     predicted: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: float = float("nan")
@@ -243,9 +244,9 @@ def require_complete(
         arrays |= dict(result.loops)
     else:
         shapes["platform"], arrays["platform"] = (nt, 6), result.platform
-        shapes["amplification"], arrays["amplification"] = (nt,), result.amplification
-        if np.ndim(result.amplification) == 0:
-            arrays["amplification"] = np.full(nt, result.amplification)
+        shapes["mobility"], arrays["mobility"] = (nt,), result.mobility
+        if np.ndim(result.mobility) == 0:
+            arrays["mobility"] = np.full(nt, result.mobility)
         if result.law:
             shapes |= {f"law of {key}": shapes[key] for key in ("reactions", "platform")}
             arrays |= {f"law of {key}": value for key, value in result.predicted.items()}

@@ -17,7 +17,6 @@ import numpy as np
 from . import wrench
 from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
 from .kkt import KktEngine, State, Terms
-from .tolerance import times_easier
 from .trajectory import Trajectory
 
 CLOSED = 1e-9
@@ -128,7 +127,8 @@ class SolverEngine(KktEngine):
             dL=terms.dL,
             platform=platform,
             law=self.law,
-            amplification=times_easier(answer.condition) * times_easier(condition(hard.A)),
+            amplification=answer.condition,
+            mobility=condition(hard.A),
             predicted={  # both are affine in what the solver answers
                 "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,

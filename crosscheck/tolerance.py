@@ -105,10 +105,11 @@ def of_momentum(sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
 
 
-def of_cancelling(burden: np.ndarray) -> np.ndarray:
+def of_cancelling(burden: np.ndarray | float) -> np.ndarray:
     """How much wider `ROUND_OFF` is at each sample, at least 1, because weights and inertial forces cancel.
 
-    ``burden``: their sum over the scale of forces: what falls freely is held by small ones.
+    ``burden``: their sum over the scale: what falls freely is held by small forces, and what is a millimetre large has
+    accelerations far below gravity.
     """
     return np.fmax(1.0, burden / EASY_SHARE)
 

@@ -282,12 +282,12 @@ def test_with_gravity_the_collinear_pin_must_sag(engine_name: str, collinear: Sc
 
 
 @pytest.mark.parametrize(
-    ("off", "ddx", "mass"), [(0.0, 0.7, 1.0), (2e-15, 0.7, 1.0), (-2e-15, 0.7, 1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1e8)]
+    ("off", "ddx", "mass"), [(0.0, 0.7, 1.0), (2e-15, 0.7, 1.0), (-2e-15, 0.7, 1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1e7)]
 )
 def test_what_a_trajectory_lets_in_passes_everywhere(
     off: float, ddx: float, mass: float, collinear: Scene, tmp_path: Path
 ) -> None:
-    """Also where nothing but weights is there, which cancel, and these are a hundred million times the legs'."""
+    """Also where nothing but weights is there, which cancel, and these are ten million times the legs'."""
     heavy, trajectory, _ = sagging(collinear, tmp_path, off, ddx, mass)
     report = run(heavy, trajectory)
     assert set(report.agreement["verdict"]) == {"pass"}
