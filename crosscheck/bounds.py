@@ -12,6 +12,7 @@ from .engine import HULL, LOOPS, PLATFORM, DynamicsResult, values
 from .scales import Scales
 from .tolerance import (
     CLOSURE,
+    EASY_AMPLIFICATION,
     LAW_FACTOR,
     RADIUS,
     ROUND_OFF,
@@ -19,7 +20,6 @@ from .tolerance import (
     of_accelerations,
     of_cancelling,
     of_forces,
-    of_momentum,
     of_positions,
     times_easier,
 )
@@ -48,21 +48,27 @@ def allowed(
             still *= of_cancelling(math.hypot(*scene.gravity) / size.of(name))
         bound = np.maximum(still, of_turning_loops(scene, at, name, size))
         return bound, _names(CLOSURE.name, bound / CLOSURE.value)
-    if name in ("balance", *HULL):  # sums of forces against momentum: errors that grow with the condition cancel
-        wider = of_momentum(at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
-    elif name in PLATFORM:  # of a route that has the truth's samples
+    solved = result.platform is not None
+    spread = np.fmax(1.0, at.condition)  # of forces on the platform, among the driving forces
+    if name in ("balance", *HULL):  # sums against momentum, where such errors cancel
+        spread = np.ones_like(spread)
+    if name in PLATFORM:  # of a route that has the truth's samples
         wider = wider_accelerations(scene, at, truth, size)
-    else:
-        wider = of_forces(at.condition, at.sin_q_n, at.reach) * of_cancelling(_burden(scene, at, size) / size.force)
-    rounding, added = ROUND_OFF.value * wider, of_floor(scene, at, name, size, floor)
-    if result.platform is not None:
-        solver = times_easier(result.amplification) * np.maximum(wider, times_easier(result.mobility))
-        rounding = ROUND_OFF.value * solver + of_turning_legs(scene, at, name, size)
+    else:  # driving forces that are given react to nothing
+        wider = of_forces(np.ones_like(spread) if solved else spread, at.sin_q_n, at.reach)
+        wider *= of_cancelling(_burden(scene, at, size) / size.force)
+    if solved:
+        wider = np.maximum(wider, times_easier(result.mobility)) * max(1.0, result.amplification / EASY_AMPLIFICATION)
+    turning = of_turning_legs(scene, at, name, size, solved) * spread
+    added = of_floor(scene, at, name, size, floor) * np.fmax(1.0, at.condition)
+    rounding = np.maximum(ROUND_OFF.value * wider, turning)
     if result.law is None:
-        return rounding + added, np.where(added > rounding, "inertia_floor", _names(ROUND_OFF.name, wider))
+        names = _names(ROUND_OFF.name, rounding / ROUND_OFF.value)
+        return rounding + added, np.where(added > rounding, "inertia_floor", names)
     law = values(scene, replace(result, **result.predicted), name)
     off = np.linalg.norm(law, axis=2).max(axis=1) / size.of(name)
-    return LAW_FACTOR * off + rounding + added, np.full(len(off), f"law_of_{result.law.name}")
+    bound = np.where(result.valid, LAW_FACTOR * off + rounding + added, np.inf)
+    return bound, np.full(len(off), f"law_of_{result.law.name}")
 
 
 def _names(name: str, wider: np.ndarray) -> np.ndarray:
@@ -115,25 +121,28 @@ def of_turning_loops(scene: Scene, at: Trajectory, name: str, size: Scales) -> n
     """Rounding (nt,), over the scale, of a tip's velocity or acceleration: terms cancel where a leg turns fast."""
     speed, square = _turning(scene, at)
     largest = {"loop_pos": np.zeros_like(speed), "loop_vel": speed, "loop_acc": square}[name]
-    return TERMS * np.finfo(float).eps * (_legs(scene, at)[0] * largest).max(axis=1) / size.of(name)
+    terms = (_legs(scene, at)[0] * largest).max(axis=1) * of_positions(at.reach)
+    return TERMS * np.finfo(float).eps * terms / size.of(name)
 
 
-def of_turning_legs(scene: Scene, at: Trajectory, name: str, size: Scales) -> np.ndarray:
-    """Rounding (nt,), over the scale, of the forces that legs need to turn, which an engine solves accelerations from.
+def of_turning_legs(scene: Scene, at: Trajectory, name: str, size: Scales, solved: bool) -> np.ndarray:
+    """Rounding (nt,), over the scale, of the forces that legs need to turn, by the lever L.
 
-    A leg that passes the vertical turns its base so fast that large terms cancel.
+    A leg that passes the vertical turns its base so fast that large terms cancel.  Where accelerations are `solved`
+    for, the lever of its hinge o, which is L sin q_n, counts.
     """
     leg, (L, sine) = scene.leg, _legs(scene, at)
     inertia = leg.guide.J_x + leg.rod.J_x + leg.rod.mass * (L - leg.a) ** 2
-    force = np.finfo(float).eps * (inertia * _turning(scene, at)[1] / (L * sine)).sum(axis=1)
-    return force * np.fmax(1.0, at.condition) * _per_force(scene, name, size)
+    lever = L * sine if solved else L
+    force = np.finfo(float).eps * of_positions(at.reach) * (inertia * _turning(scene, at)[1] / lever).sum(axis=1)
+    return force * _per_force(scene, name, size)
 
 
 def of_floor(scene: Scene, at: Trajectory, name: str, size: Scales, floor: float) -> np.ndarray:
     """Bound of the change (nt,), over the scale, when moments of inertia below `floor` are raised to it.
 
     A body with angular velocity w and acceleration dw needs at most J (|dw| + w^2) more; the passive hinges of a leg
-    turn that into forces across it by the levers L and L sin q_n, which the platform's equations hand to all legs.
+    turn that into forces across it by the levers L and L sin q_n.
     """
     leg, platform = scene.leg, scene.platform
     moments = [leg.guide.central_J_x, leg.rod.J_x]
@@ -144,4 +153,4 @@ def of_floor(scene: Scene, at: Trajectory, name: str, size: Scales, floor: float
     if scene.freedom == "planar":
         turning = np.abs(at.angular_acceleration[:, 2]) + at.angular_velocity[:, 2] ** 2
         force += max(0.0, floor - platform.least_inertia) * turning / size.lever
-    return force * np.fmax(1.0, at.condition) * _per_force(scene, name, size)
+    return force * _per_force(scene, name, size)

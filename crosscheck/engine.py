@@ -77,7 +77,8 @@ class DynamicsResult:
     pins, from the rate of momentum.  Of forward dynamics alone, whose ``F`` is what was handed in: ``platform``
     (nt, 6), its acceleration and angular acceleration in world axes; ``mobility`` (nt,), condition of J M^-1 J^T;
     ``amplification``, what its solver makes of rounding beside a direct solve; and, if the solver is known not to be
-    exact, its ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes.
+    exact, its ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes, and
+    where that prediction is ``valid`` (nt,).
     """
 
     engine: str
@@ -96,6 +97,7 @@ class DynamicsResult:
     platform: np.ndarray | None = None
     mobility: np.ndarray | float = 1.0
     amplification: float = 1.0
+    valid: np.ndarray | bool = True
     law: Law | None = None
     predicted: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: float = float("nan")

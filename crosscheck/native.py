@@ -43,7 +43,8 @@ class Answer(NamedTuple):
     ``a`` (nt, nv): accelerations.  ``loop_forces`` (nt, N, 3): on the rods' tips, world axes.  ``force_defect``
     (nt, nv), that is M a + h - tau - J^T lambda, and ``closure_defect`` (nt, nc), that is J a + dJ v: as far as the
     solver's method predicts them from the hard system, never from ``a`` and ``loop_forces``.  ``condition``: what
-    rounding is multiplied by in the solver, beside the condition of `mobility`.
+    rounding is multiplied by in the solver, beside the condition of `mobility`.  ``valid`` (nt,): where
+    the defects are what they are said to be.
     """
 
     a: np.ndarray
@@ -51,6 +52,7 @@ class Answer(NamedTuple):
     force_defect: np.ndarray
     closure_defect: np.ndarray
     condition: float = 1.0
+    valid: np.ndarray | bool = True
 
 
 class SolverEngine(KktEngine):
@@ -128,6 +130,7 @@ class SolverEngine(KktEngine):
             platform=platform,
             law=self.law,
             amplification=answer.condition,
+            valid=answer.valid,
             mobility=condition(hard.A),
             predicted={  # both are affine in what the solver answers
                 "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,

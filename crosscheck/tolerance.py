@@ -78,6 +78,7 @@ EASY_CONDITION = 40.0
 EASY_SIN_Q_N = 0.01
 EASY_REACH = 10.0
 EASY_SHARE = 10.0
+EASY_AMPLIFICATION = 10.0
 
 TERMS = 20.0
 """Roundings that add up to the acceleration of a tip whose leg passes the vertical: MuJoCo was off by one."""
@@ -95,14 +96,6 @@ def of_positions(reach: np.ndarray) -> np.ndarray:
     errors were measured at a fiftieth of the bound from 1e3 to 1e8 shortest lengths off the origin.
     """
     return np.fmax(1.0, reach / EASY_REACH)
-
-
-def of_momentum(sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """How much wider `ROUND_OFF` is at each sample for sums of forces and moments against momentum, at least 1.
-
-    The angular velocity of a moving steep leg is rounded to 1e-16/s of its speed: measured a thousandth of the bound.
-    """
-    return np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
 
 
 def of_cancelling(burden: np.ndarray | float) -> np.ndarray:

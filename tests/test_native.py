@@ -200,7 +200,11 @@ def test_hard_poses_keep_to_the_law(engine_name: str, hexapod: Scene) -> None:
         scene, trajectory = hard_scene(hexapod, "parallel", distance)
         truth = truth_of(scene, trajectory)
         result = engine_of(engine_name, scene).forward_dynamics(trajectory, truth.F)
-        assert set(table(scene, trajectory, truth, engine_name, result)["verdict"]) == {"pass"}
+        rows = table(scene, trajectory, truth, engine_name, result)
+        if (engine_name, distance) == ("dart", 1e-8):  # 1e9 N, rounded, over the time step: nothing is left
+            assert set(rows.loc[["a", "alpha"], "verdict"]) == {"unsupported"}
+            rows = rows.drop(["a", "alpha"])
+        assert set(rows["verdict"]) == {"pass"}
 
 
 @pytest.mark.parametrize("engine_name", ["pinocchio"], indirect=True)
