@@ -56,7 +56,7 @@ def allowed(
         wider = wider_accelerations(scene, at, truth, size)
     else:  # driving forces that are given react to nothing
         wider = of_forces(np.ones_like(spread) if solved else spread, at.sin_q_n, at.reach)
-        wider *= of_cancelling(_burden(scene, at, size) / size.force)
+        wider *= of_cancelling(burden(scene, at, size) / size.force)
     if solved:
         wider = np.maximum(wider, times_easier(result.mobility)) * max(1.0, result.amplification / EASY_AMPLIFICATION)
     turning = of_turning_legs(scene, at, name, size, solved) * spread
@@ -88,7 +88,7 @@ def _per_force(scene: Scene, name: str, size: Scales) -> float:
     return response.get(name, size.of(name) / size.force) / size.of(name)
 
 
-def _burden(scene: Scene, at: Trajectory, size: Scales) -> np.ndarray:
+def burden(scene: Scene, at: Trajectory, size: Scales) -> np.ndarray:
     """Weights, inertial forces and load (nt,) [N] that the platform's equations add up."""
 
     def length(x: np.ndarray) -> np.ndarray:
