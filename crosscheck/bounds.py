@@ -50,7 +50,7 @@ def allowed(
         return bound, _names(CLOSURE.name, bound / CLOSURE.value)
     solved = result.platform is not None
     spread = np.fmax(1.0, at.condition)  # of forces on the platform, among the driving forces
-    if name in ("balance", *HULL):  # sums against momentum, where such errors cancel
+    if name.startswith("M") or name in ("balance", *HULL):  # no moments: they go along the legs; and sums cancel
         spread = np.ones_like(spread)
     if name in PLATFORM:  # of a route that has the truth's samples
         wider = wider_accelerations(scene, at, truth, size)
@@ -60,7 +60,8 @@ def allowed(
     if solved:
         wider = np.maximum(wider, times_easier(result.mobility)) * max(1.0, result.amplification / EASY_AMPLIFICATION)
     turning = of_turning_legs(scene, at, name, size, solved) * spread
-    added = of_floor(scene, at, name, size, floor) * np.fmax(1.0, at.condition)
+    summed = name in ("balance", *HULL) and not solved
+    added = of_floor(scene, at, name, size, floor, summed) * spread
     rounding = np.maximum(ROUND_OFF.value * wider, turning)
     if result.law is None:
         names = _names(ROUND_OFF.name, rounding / ROUND_OFF.value)
@@ -138,18 +139,19 @@ def of_turning_legs(scene: Scene, at: Trajectory, name: str, size: Scales, solve
     return force * _per_force(scene, name, size)
 
 
-def of_floor(scene: Scene, at: Trajectory, name: str, size: Scales, floor: float) -> np.ndarray:
+def of_floor(scene: Scene, at: Trajectory, name: str, size: Scales, floor: float, summed: bool = False) -> np.ndarray:
     """Bound of the change (nt,), over the scale, when moments of inertia below `floor` are raised to it.
 
     A body with angular velocity w and acceleration dw needs at most J (|dw| + w^2) more; the passive hinges of a leg
-    turn that into forces across it by the levers L and L sin q_n.
+    turn that into forces across it by the levers L and L sin q_n, which leaves sums against momentum (`summed`) alone.
     """
     leg, platform = scene.leg, scene.platform
     moments = [leg.guide.central_J_x, leg.rod.J_x]
     moments += [leg.guide.J_y, leg.rod.J_z] if scene.topology == "spatial" else []
     moments += [leg.base.J_z] if leg.base else []
     L, sine = _legs(scene, at)
-    force = sum(max(0.0, floor - J) for J in moments) * (_turning(scene, at)[1] / (L * sine)).sum(axis=1)
+    lever = L if summed else L * sine
+    force = sum(max(0.0, floor - J) for J in moments) * (_turning(scene, at)[1] / lever).sum(axis=1)
     if scene.freedom == "planar":
         turning = np.abs(at.angular_acceleration[:, 2]) + at.angular_velocity[:, 2] ** 2
         force += max(0.0, floor - platform.least_inertia) * turning / size.lever

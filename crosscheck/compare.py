@@ -122,6 +122,7 @@ def _judge(
         "tolerance": float(allowed[sample]),
         "tolerance_name": str(names[sample]),
         "verdict": verdict,
+        "share": float(share[sample, column]),
         "reason": vague_because if verdict == UNSUPPORTED else "",
         "where": f"{where[column]}, t = {t[sample]:.6g} s",
     }
@@ -136,7 +137,7 @@ def agreement(
 ) -> pd.DataFrame:
     """Every expected row of these routes, whether its engine ran or not.
 
-    `where` and `reason` stand beside the published columns.
+    `where`, `reason` and `share`, the error there over what is allowed, stand beside the published columns.
     """
     truth = truth_of(results)
     rows: list[dict] = []
@@ -156,7 +157,7 @@ def agreement(
                 "unit": unit(q),
             }
             row |= dict.fromkeys(("max_abs", "rms", "max_rel", "scale", "tolerance", "us_per_sample"), np.nan)
-            row |= {"tolerance_name": "", "verdict": ERROR, "where": "", "reason": ""}
+            row |= {"tolerance_name": "", "verdict": ERROR, "where": "", "share": np.nan, "reason": ""}
             if isinstance(result, Failure):
                 row["reason"] = result.reason
             elif not isinstance(truth, DynamicsResult) or size is None:

@@ -47,7 +47,8 @@ def defects(
     - J v stays zero from the earlier pose to this one, and not at a point: J a + J'[v] v is dt J''[v, v] v / 2;
     - the lever of the platform goes to the rod's tip, across the gap: dt^2 w / 2 and dt^2 w before the two steps give
       dt (omega x w) / 2;
-    - mixing yields by C = CFM (1/kg + diag A) per force, alike in both steps but for p: C p.
+    - mixing yields by C = CFM (1/kg + diag A) per force: the first step's forces are beside the wanted ones by
+      (A + C)^-1 (A p - C lambda), which is p but for softness, and the second one's by as much as C makes of that.
     """
     axes = list(engine.scene.loop_axes)
 
@@ -67,5 +68,8 @@ def defects(
     lever = np.cross(engine.in_world(v)[:, None, 3:], w)
     closure = rows(here.gap_acceleration - there.gap_acceleration + 0.5 * dt * (ddJ + lever))
     force = here.tau - there.tau + np.einsum("tij,ti->tj", there.J - J, multipliers)
-    yielding = mixing * (1.0 + np.einsum("tii->ti", A)) * p[..., 0]
+    C = mixing * (1.0 + np.einsum("tii->ti", A))
+    soft = A + C[..., None] * np.eye(C.shape[1])
+    beside = np.linalg.solve(soft, A @ p - (C * multipliers)[..., None])[..., 0]
+    yielding = np.linalg.solve(soft, A @ (C * beside)[..., None])[..., 0]
     return force, closure + yielding

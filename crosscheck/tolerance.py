@@ -112,9 +112,10 @@ def of_forces(condition: np.ndarray, sin_q_n: np.ndarray, reach: np.ndarray) -> 
 
     Forces react to rounding like the condition.  Where base or spin inertia loads a steep leg, the force
     grows as 1/s^3 and rounding of the pose alone changes it by 1e-16/s of itself: errors were measured at a twentieth
-    of the bound from s = 1e-2 down to 1e-8.  A number that is not known widens nothing.
+    of the bound from s = 1e-2 down to 1e-8.  Each multiplies what the others leave; a number that is not known widens
+    nothing.
     """
-    return np.fmax(times_easier(condition), EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
+    return times_easier(condition) * np.fmax(1.0, EASY_SIN_Q_N / sin_q_n) * of_positions(reach)
 
 
 def of_accelerations(share: np.ndarray | float, sin_q_n: np.ndarray, reach: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ def _print_tables(agreement: pd.DataFrame, engines: pd.DataFrame, console: Conso
 def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
     """Print max_rel of every quantity and engine, then what failed, where, and the verdict.
 
-    `agreement` has the published columns and `where`, `reason`. The certified column gives proven radii.
+    `agreement` has the published columns and `where`, `share`, `reason`. The certified column gives proven radii.
     """
     routes = agreement.drop_duplicates(["engine", "route"])[["engine", "route", "engine_version"]]
     handed = agreement[agreement["quantity"] == _FORWARD].set_index(["engine", "route"]).index
@@ -73,8 +73,8 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
     for _, row in agreement[agreement["verdict"] == "fail"].iterrows():
         console.print(
             f"[bold red]FAIL[/] {row['engine']} {row['route']} {row['quantity']}:"
-            f" {row['max_rel']:.2e} of {row['scale']:.4g} {row['unit']}, allowed {row['tolerance']:.1e} there"
-            f" ({row['tolerance_name']}); worst at {row['where']}",
+            f" {row['share'] * row['tolerance']:.2e} of {row['scale']:.4g} {row['unit']} at {row['where']}, allowed"
+            f" {row['tolerance']:.1e} there ({row['tolerance_name']})",
             highlight=False,
             soft_wrap=True,
         )

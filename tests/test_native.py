@@ -88,6 +88,28 @@ def test_the_answer_lies_within_the_law_and_the_law_is_not_wide(engine_name: str
         np.testing.assert_allclose(error[clear], law[clear], rtol=0.1)  # what is left is of second order
 
 
+LOOSE: dict[str, dict[str, float]] = {
+    "mujoco": {"impedance": 0.9999},
+    "pinocchio": {"mu": 1e-5, "iterations": 1},
+    "dart": {"time_step": 1e-5},
+}
+
+
+@pytest.mark.parametrize("machine", ["hexapod", "planar3"])
+def test_the_law_has_directions_and_signs(engine_name: str, machine: str) -> None:
+    """Vectors of every reaction and of the platform's accelerations, where rounding is far below."""
+    scene = MACHINES[machine]()
+    trajectory = from_scene(scene, 3)
+    truth = truth_of(scene, trajectory)
+    result = engine_of(engine_name, scene, None, **LOOSE[engine_name]).forward_dynamics(trajectory, truth.F)
+    given = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])
+    for error, law in (
+        (result.reactions - truth.reactions, result.predicted["reactions"]),
+        (result.platform - given, result.predicted["platform"]),
+    ):
+        np.testing.assert_allclose(error, law, rtol=0, atol=0.02 * np.abs(law).max())  # second order
+
+
 SWEEPS: dict[str, list[tuple[str, dict[str, float], list[float], int]]] = {
     # knob, other settings, its values, exponent in (1 - d)/d, mu or dt
     "mujoco": [("impedance", {}, [0.9, 0.99, 0.999, 0.9999], 1)],

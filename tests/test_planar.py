@@ -253,7 +253,7 @@ def test_an_engine_finds_by_itself_that_no_forces_give_a_motion(engine_name: str
 
 
 def sagging(
-    collinear: Scene, folder: Path, off: float = 0.0, ddx: float = 0.7, mass: float = 1.0
+    collinear: Scene, folder: Path, off: float = 0.0, ddx: float = 0.7, mass: float = 1.0, falling: float = 0.0
 ) -> tuple[Scene, Trajectory, float]:
     """Example 3 in gravity, from rest: the one acceleration that it allows, rounded; and F_1 - F_2."""
     heavy = with_gravity(collinear)
@@ -266,7 +266,7 @@ def sagging(
     pins = list(zip(P.p, P.O, strict=True))
     legs = [stewart.planar_leg_kinematics(P.leg, p, O, one_sample(still, 0), math.sqrt) for p, O in pins]
     values = dict.fromkeys((*POSE, *RATES), 0.0)
-    values |= {"p_x": float(still.C_p[0, 0]), "q_w": 1.0, "a_x": ddx}
+    values |= {"p_x": float(still.C_p[0, 0]), "q_w": 1.0, "a_x": ddx, "v_y": falling}
     values["a_y"] = float(stewart.sag_of_example_3(P, legs)) * (1.0 + off)
     file = folder / "sag.csv"
     file.write_text(",".join(values) + "\n" + ",".join(map(repr, values.values())) + "\n")
@@ -282,13 +282,20 @@ def test_with_gravity_the_collinear_pin_must_sag(engine_name: str, collinear: Sc
 
 
 @pytest.mark.parametrize(
-    ("off", "ddx", "mass"), [(0.0, 0.7, 1.0), (2e-15, 0.7, 1.0), (-2e-15, 0.7, 1.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1e7)]
+    ("off", "ddx", "mass", "falling"),
+    [
+        (0.0, 0.7, 1.0, 0.0),
+        (2e-15, 0.7, 1.0, 0.0),
+        (-2e-15, 0.7, 1.0, 0.3),  # a residual that moves has power
+        (0.0, 0.0, 1.0, 0.0),
+        (0.0, 0.0, 1e7, 0.0),
+    ],
 )
 def test_what_a_trajectory_lets_in_passes_everywhere(
-    off: float, ddx: float, mass: float, collinear: Scene, tmp_path: Path
+    off: float, ddx: float, mass: float, falling: float, collinear: Scene, tmp_path: Path
 ) -> None:
     """Also where nothing but weights is there, which cancel, and these are ten million times the legs'."""
-    heavy, trajectory, _ = sagging(collinear, tmp_path, off, ddx, mass)
+    heavy, trajectory, _ = sagging(collinear, tmp_path, off, ddx, mass, falling)
     report = run(heavy, trajectory)
     assert set(report.agreement["verdict"]) == {"pass"}
 
