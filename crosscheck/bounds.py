@@ -50,7 +50,7 @@ def allowed(
         return bound, _names(CLOSURE.name, bound / CLOSURE.value)
     solved = result.platform is not None
     spread = np.fmax(1.0, at.condition)  # of forces on the platform, among the driving forces
-    if name.startswith("M") or name in ("balance", *HULL):  # no moments: they go along the legs; and sums cancel
+    if not solved and (name.startswith("M") or name in ("balance", *HULL)):  # they go along the legs, and sums cancel
         spread = np.ones_like(spread)
     if name in PLATFORM:  # of a route that has the truth's samples
         wider = wider_accelerations(scene, at, truth, size)
