@@ -270,3 +270,28 @@ def test_a_platform_at_rest_without_gravity_has_no_forces(hexapod: Scene) -> Non
     assert all(x == 0 for x in components(certified(weightless, rest)["F_o"]))
     falling = certified(hexapod, rest | {"acceleration": [0.0, -9.81, 0.0]})
     assert 0 < float(falling["F_o"][0][1].rad()) < 1e-20  # legs do not fall freely: they turn about their pins
+
+
+def test_what_a_residual_is_measured_by() -> None:
+    """By hand at rest: weights of all bodies and the platform's inertial force, the load, and what they turn."""
+    scene = random_scene(0, base=True, gravity=(1.0, -9.0, 2.0))
+    trajectory = from_scene(scene, 1)
+    zero = [0.0, 0.0, 0.0]
+    rates = dict.fromkeys(("velocity", "angular_velocity", "acceleration", "angular_acceleration"), zero)
+    load, norm = scene.load, np.linalg.norm
+    assert load
+    lever = max(norm(p) for p in scene.pins)
+    force = sum(body.mass for body in scene.bodies) * norm(scene.gravity) + norm(load.force)
+    moment = force * lever + norm(load.moment)
+    got = newton_euler.Sample(scene, row_of(trajectory, 0) | rates)._size()
+    np.testing.assert_allclose(got, (force, moment), rtol=1e-12)
+
+    # A platform that turns: about its own inertia in addition, and its pins move the legs.
+    still = scene.model_copy(update={"leg": scene.leg.model_copy(update={"base": None})})
+    turning = rates | {"angular_velocity": [0.0, 0.3, 0.0], "angular_acceleration": [0.4, 0.0, 0.0]}
+    sample = newton_euler.Sample(still, row_of(trajectory, 0) | turning)
+    carried = sum(float(m) * norm([float(x) for x in a]) for leg in sample.legs for m, _, a, _ in leg.bodies)
+    force = sum(body.mass for body in still.bodies) * norm(scene.gravity) + norm(load.force) + carried
+    moment = force * lever + norm(scene.platform.tensor) * (0.4 + 0.3**2) + norm(load.moment)
+    np.testing.assert_allclose(sample._size(), (force, moment), rtol=1e-12)
+    assert carried > 0.1

@@ -516,6 +516,18 @@ def test_legs_that_meet_in_the_centre_are_a_singular_pose(hexapod: Scene) -> Non
         analytic.inverse_dynamics(concurrent(hexapod, 0.0).parameters, still)
 
 
+@pytest.mark.parametrize(("i", "j"), [(1, 4), (0, 2), (3, 5), (0, 5), (2, 3)])
+def test_the_weakest_leg_is_one_of_those_that_coincide(i: int, j: int, hexapod: Scene) -> None:
+    """Two legs between the same points push against each other, and no other leg has a share in that."""
+    p, O = list(hexapod.pins), list(hexapod.hull.pins)
+    p[j], O[j] = p[i], O[i]
+    platform = hexapod.platform.model_copy(update={"pins": tuple(p)})
+    hull = hexapod.hull.model_copy(update={"pins": tuple(O)})
+    scene = hexapod.model_copy(update={"platform": platform, "hull": hull})
+    with pytest.raises(TrajectoryError, match=rf"singular pose: sample \d+, leg [{i + 1}{j + 1}]: condition"):
+        from_scene(scene, 5)
+
+
 def concurrent(scene: Scene, turn: float) -> Scene:
     """Hull pins three times as far as the platform's, in the same directions from its centre; turned by a little."""
     data = scene.model_dump(by_alias=True)
