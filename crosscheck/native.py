@@ -27,12 +27,13 @@ is below 1e-14, and a solver would pull a loop together that is open by more."""
 class Hard(NamedTuple):
     """The hard system's solution, from an engine's own matrices.
 
-    ``M`` (nt, nv, nv): mass matrix.  ``A`` (nt, nc, nc): `mobility`.  ``a`` (nt, nv): accelerations.
-    ``multipliers`` (nt, nc): forces on the rods' tips along `Scene.loop_axes`, loop by loop.
+    ``M`` (nt, nv, nv): mass matrix.  ``A`` (nt, nc, nc): `mobility`, and its ``condition`` (nt,).  ``a`` (nt, nv):
+    accelerations.  ``multipliers`` (nt, nc): forces on the rods' tips along `Scene.loop_axes`, loop by loop.
     """
 
     M: np.ndarray
     A: np.ndarray
+    condition: np.ndarray
     a: np.ndarray
     multipliers: np.ndarray
 
@@ -92,13 +93,14 @@ class SolverEngine(KktEngine):
         closure = -terms.gap_acceleration[..., list(self.scene.loop_axes)].reshape(len(F), -1)
         M = self.mass_matrix(state)
         A = mobility(M, terms.J)
-        singular = np.flatnonzero(~(condition(A) < 1.0 / np.finfo(float).eps))
+        of_A = condition(A)
+        singular = np.flatnonzero(~(of_A < 1.0 / np.finfo(float).eps))
         if len(singular):
             raise EngineError(
                 f"{self.name}: sample {singular[0]}: the loops' matrix J M^-1 J^T is singular: masses or moments of"
                 " inertia are too unequal for float64"
             )
-        return Hard(M, A, *response(M, terms.J, A, force, closure))
+        return Hard(M, A, of_A, *response(M, terms.J, A, force, closure))
 
     def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
         """Accelerations and joint reactions under driving forces (nt, N), and their law. Raises EngineError."""
@@ -131,7 +133,7 @@ class SolverEngine(KktEngine):
             law=self.law,
             amplification=answer.condition,
             valid=answer.valid,
-            mobility=condition(hard.A),
+            mobility=hard.condition,
             predicted={  # both are affine in what the solver answers
                 "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,

@@ -56,7 +56,7 @@ def defects(
         return x[..., axes].reshape(len(x), -1)
 
     v, J, w = state.v, terms.J, terms.gap_acceleration
-    M, A, a, multipliers = hard
+    M, A, _, a, multipliers = hard
     p = 2.0 * np.linalg.solve(A, rows(w)[..., None])
     a_1 = a + np.linalg.solve(M, J.transpose(0, 2, 1) @ p)[..., 0]
     here = engine.terms(State(state.q, v, a))

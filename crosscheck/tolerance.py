@@ -79,6 +79,8 @@ EASY_SIN_Q_N = 0.01
 EASY_REACH = 10.0
 EASY_SHARE = 10.0
 EASY_AMPLIFICATION = 10.0
+"""Of rounding by an engine's own solver; velocities over DART's step of 1e-6 s were off by up to 6e-9 of the scale near
+singular poses, where this allows 1e-8. Reasons of the others stand with the functions below."""
 
 TERMS = 20.0
 """Roundings that add up to the acceleration of a tip whose leg passes the vertical: MuJoCo was off by one."""

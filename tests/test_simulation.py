@@ -171,9 +171,16 @@ def test_every_engine_starts_where_the_problem_does(route: str, engine_name: str
 def test_quaternions_begin_positive_and_go_on_without_jumps() -> None:
     angle = np.linspace(0.0, 4 * np.pi, 41)  # two turns: q_w goes through zero and -1
     R = np.moveaxis(
-        np.array([[np.cos(angle), -np.sin(angle), 0 * angle], [np.sin(angle), np.cos(angle), 0 * angle],
-                  [0 * angle, 0 * angle, 1 + 0 * angle]]), -1, 0
-    )  # fmt: skip
+        np.array(
+            [
+                [np.cos(angle), -np.sin(angle), 0 * angle],
+                [np.sin(angle), np.cos(angle), 0 * angle],
+                [0 * angle, 0 * angle, 1 + 0 * angle],
+            ]
+        ),
+        -1,
+        0,
+    )
     q = continuous(R)
     assert q[0, 0] > 0
     assert np.abs(np.diff(q, axis=0)).max() < 0.2
@@ -370,10 +377,16 @@ def fake(problem: Problem, by: float, tilt: float = 0.0, energy: float = 0.0) ->
     turn = np.hstack([np.cos(half), np.sin(half), 0 * half, 0 * half])
     zero = np.zeros(len(problem.grid))
     return Simulated(
-        motion.position + by * t[:, None] * [1.0, 0.0, 0.0], simulation.times(turn, motion.unit_quaternion),
-        motion.velocity, motion.angular_velocity, 1.0 + np.linspace(0, 1 + energy, len(zero)), zero,
-        np.linspace(0, 1, len(zero)), 0.0, 1.0,
-    )  # fmt: skip
+        motion.position + by * t[:, None] * [1.0, 0.0, 0.0],
+        simulation.times(turn, motion.unit_quaternion),
+        motion.velocity,
+        motion.angular_velocity,
+        1.0 + np.linspace(0, 1 + energy, len(zero)),
+        zero,
+        np.linspace(0, 1, len(zero)),
+        0.0,
+        1.0,
+    )
 
 
 def judged(problem: Problem, results: dict[Method, Simulated | Failure], growth: float = 0.0) -> pd.DataFrame:
@@ -611,8 +624,12 @@ def crosscheck(cwd: Path, *args: str) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join([str(cwd), os.environ.get("PYTHONPATH", "")])
     return subprocess.run(
         [sys.executable, "-m", "stewart_crosscheck.crosscheck", "simulate", *args, "--out", "out"],
-        env=os.environ | {"PYTHONPATH": path}, cwd=cwd, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": path},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def test_the_command_writes_its_files(tmp_path: Path) -> None:
