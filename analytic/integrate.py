@@ -14,8 +14,9 @@ from .solve import SingularPose
 Derivative = Callable[[float, np.ndarray], np.ndarray]
 Projection = Callable[[np.ndarray], np.ndarray]
 
-RTOL, ATOL = 1e-13, 1e-14
-"""Error per step of DOP853: near its floor of 100 roundings (2e-14), so that what is left is round-off."""
+RTOL, ATOL = 1e-13, 0.1
+"""Error per step of DOP853: near its floor of 100 roundings (2e-14), so that what is left is round-off; and the
+absolute one over the relative one."""
 
 MOST_STEPS = 10_000
 """Of DOP853 between two output times; a smooth motion takes some 50 in its own time scale."""
@@ -37,8 +38,10 @@ def require_times(t: np.ndarray) -> np.ndarray:
     return t
 
 
-def _adaptive(f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | None) -> Iterator[np.ndarray]:
-    solver = DOP853(f, t[0], y, t[-1], rtol=RTOL, atol=ATOL)
+def _adaptive(
+    f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | None, rtol: float
+) -> Iterator[np.ndarray]:
+    solver = DOP853(f, t[0], y, t[-1], rtol=rtol, atol=rtol * ATOL)
     due, steps = 1, 0
     while due < len(t):
         if steps == MOST_STEPS:
@@ -75,7 +78,12 @@ def _fixed(f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | No
 
 
 def integrate(
-    f: Derivative, y: np.ndarray, t: np.ndarray, dt: float | None = None, project: Projection | None = None
+    f: Derivative,
+    y: np.ndarray,
+    t: np.ndarray,
+    dt: float | None = None,
+    project: Projection | None = None,
+    rtol: float = RTOL,
 ) -> tuple[np.ndarray, int]:
     """States (nt, ny) at the times t, and the number of evaluations of f.
 
@@ -86,19 +94,22 @@ def integrate(
         State at t[0].
     t : ndarray, shape (nt,)
         Output times [s].
-    dt : largest step [s] of the classical Runge-Kutta method, order 4; None for DOP853 at its tightest.
+    dt : largest step [s] of the classical Runge-Kutta method, order 4; None for DOP853.
     project : correction of the state after each step.
+    rtol : of DOP853, relative error per step; by default at its tightest.
 
     Raises
     ------
     SimulationError
         A derivative that is not finite or cannot be computed, or steps that shrink or never end.
     ValueError
-        Times or dt out of range.
+        Times, dt or rtol out of range.
     """
     t = require_times(t)
     if dt is not None and not 0.0 < dt < math.inf:
         raise ValueError(f"dt: got {dt}, expected a positive step in s, or None for adaptive steps")
+    if not RTOL <= rtol < 1.0:
+        raise ValueError(f"rtol: got {rtol}, expected at least {RTOL:g} and less than 1")
     count = 0
 
     def counted(now: float, at: np.ndarray) -> np.ndarray:
@@ -115,5 +126,5 @@ def integrate(
         return rate
 
     y = np.asarray(y, dtype=float)
-    states = _adaptive(counted, y, t, project) if dt is None else _fixed(counted, y, t, project, dt)
+    states = _adaptive(counted, y, t, project, rtol) if dt is None else _fixed(counted, y, t, project, dt)
     return np.array([y, *states]), count

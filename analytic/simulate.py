@@ -10,7 +10,7 @@ import numpy as np
 
 from . import stewart
 from .forward import Mechanism, accelerations
-from .integrate import SimulationError, integrate
+from .integrate import RTOL, SimulationError, integrate
 from .orientation import quaternion_rate, rotation
 from .stewart import PlanarParameters, PlatformMotion
 
@@ -76,7 +76,13 @@ def forces_at(P: Mechanism, F: Forces, t: float) -> list[float]:
 
 
 def simulate(
-    P: Mechanism, initial: State, F: Forces, t: np.ndarray, dt: float | None = None, form: str = "compliance"
+    P: Mechanism,
+    initial: State,
+    F: Forces,
+    t: np.ndarray,
+    dt: float | None = None,
+    form: str = "compliance",
+    rtol: float = RTOL,
 ) -> Simulation:
     """The platform's motion under driving forces F(t), from the state at t[0]; any N >= 1 of legs.
 
@@ -90,13 +96,14 @@ def simulate(
         Output times [s], increasing.
     dt : largest step [s] of the classical Runge-Kutta method; None for DOP853 near round-off.
     form : of the equations, see `forward_dynamics`.
+    rtol : of DOP853, relative error per step; by default at its tightest.
 
     Raises
     ------
     SimulationError
         A leg too steep or of no length, forces or states that are not finite, steps that shrink to nothing: with time.
     ValueError
-        Unusable times or initial state.
+        Unusable times, tolerance or initial state.
     """
 
     def derivative(now: float, y: np.ndarray) -> np.ndarray:
@@ -108,7 +115,7 @@ def simulate(
         power = sum(stewart.power(P, motion, one.legs, forces))
         return np.array([*dC_p, *quaternion_rate(q, w_p), *one.ddC_p, *one.dw_p, power])
 
-    y, nfev = integrate(derivative, np.append(initial.unit(), 0.0), t, dt)
+    y, nfev = integrate(derivative, np.append(initial.unit(), 0.0), t, dt, rtol=rtol)
     q = y[:, 3:7] / np.linalg.norm(y[:, 3:7], axis=1, keepdims=True)
     return Simulation(np.asarray(t, dtype=float), y[:, :3], q, y[:, 7:10], y[:, 10:13], y[:, 13], nfev)
 

@@ -71,11 +71,16 @@ class Accelerated:
     share: float
 
 
-def pose_errors(s: Simulated, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Distance [m] and angle [rad] (nt, 2) of poses from given ones."""
-    turn = times(s.quaternion, quaternion * [1.0, -1.0, -1.0, -1.0])
+def apart(p: np.ndarray, q: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Distance [m] and angle [rad] (nt, 2) of poses p (nt, 3), q (nt, 4) from given ones."""
+    turn = times(q, quaternion * [1.0, -1.0, -1.0, -1.0])
     angle = 2.0 * np.arctan2(np.linalg.norm(turn[:, 1:], axis=1), np.abs(turn[:, 0]))
-    return np.column_stack([np.linalg.norm(s.position - position, axis=1), angle])
+    return np.column_stack([np.linalg.norm(p - position, axis=1), angle])
+
+
+def pose_errors(s: Simulated, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Distance [m] and angle [rad] (nt, 2) of a simulation's poses from given ones."""
+    return apart(s.position, s.quaternion, position, quaternion)
 
 
 def exchanged(problem: Problem, s: Simulated) -> float:

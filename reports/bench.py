@@ -1,0 +1,182 @@
+"""Speed against error for people: what is best of each method, as a table of the terminal and as files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from .files import write_files
+from .page import page
+from .plots import draw
+
+SPEED_ERROR_COLUMNS = [
+    "task", "scene", "engine", "route", "backend", "setting", "batch", "us_per_sample", "us_p10", "us_p90",
+    "max_rel_error", "ratio_to_fastest",
+]  # fmt: skip
+
+METHOD = ["task", "engine", "route", "backend"]
+
+TITLES = {
+    "driving_forces": "Driving forces of a motion",
+    "all_reactions": "Driving forces and all joint reactions of a motion",
+    "forward_step": "Platform accelerations under driving forces",
+    "simulate": "One second of motion under driving forces (a sample is a simulated second)",
+}
+
+EQUAL = (
+    "× fastest: time over that of the fastest row of the task that is at most ten times as wrong and takes at most as"
+    " many samples at a time"
+)
+WIDE = 120
+"""Columns of a terminal from which settings and spread have columns of their own."""
+
+
+def best(table: pd.DataFrame) -> pd.DataFrame:
+    """Of each method, of its most accurate settings (within a decade): the fastest, one sample at a time and at all."""
+    table = table[table["max_rel_error"].notna()]
+    rows = []
+    for _, method in table.groupby(METHOD, sort=False):
+        equal = method[method["max_rel_error"] <= 10.0 * method["max_rel_error"].min()]
+        single = equal[equal["batch"] == 1]
+        picks = [*([single["us_per_sample"].idxmin()] if len(single) else []), equal["us_per_sample"].idxmin()]
+        rows += dict.fromkeys(picks)
+    return table.loc[rows]
+
+
+def microseconds(us: float) -> str:
+    """Three digits, without exponent."""
+    return "" if pd.isna(us) else f"{us:,.0f}" if us >= 100 else f"{us:.3g}"
+
+
+def samples(batch: int) -> str:
+    """A batch in few characters."""
+    return f"1e{round(np.log10(batch))}" if batch >= 1000 and 10 ** round(np.log10(batch)) == batch else str(batch)
+
+
+def cells(row: pd.Series, baseline: float) -> dict[str, str]:
+    """What is shown of a row, by column."""
+    spread = f"{microseconds(row['us_p10'])} - {microseconds(row['us_p90'])}"
+    return {
+        "engine": str(row["engine"]),
+        "method": f"{row['route']} {row['backend']}".strip(),
+        "setting": str(row["setting"]),
+        "batch": samples(int(row["batch"])),
+        "µs": microseconds(row["us_per_sample"]),
+        "p10 - p90": spread,
+        "error": f"{row['max_rel_error']:.1e}",
+        "× fastest": microseconds(row["ratio_to_fastest"]),
+        "× rnea": microseconds(row["us_per_sample"] / baseline),
+    }
+
+
+def yardstick(info: Mapping[str, Any]) -> float:
+    """Time [µs] that every other one is compared with; NaN if it was not measured."""
+    return info["baseline"]["us_per_sample"] if info["baseline"] else float("nan")
+
+
+def print_bench(speed_error: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any], console: Console) -> None:
+    """Print the best settings of each method by task, the split of engines, what failed or is wrong, and the verdict."""
+    shown = best(speed_error)
+    for task, title in TITLES.items():
+        rows = shown[shown["task"] == task]
+        if len(rows):
+            console.print(title, highlight=False, style="italic", soft_wrap=True)
+            console.print(_table(rows, yardstick(info), console.width >= WIDE), crop=False)
+            console.print()
+    console.print(EQUAL, highlight=False, style="dim")
+    if info["baseline"]:
+        console.print(
+            f"× rnea: time over {yardstick(info):.3g} µs, {info['baseline']['what']}, on the open tree: it answers"
+            " nothing",
+            highlight=False,
+            style="dim",
+        )
+    if len(split):
+        console.print()
+        console.print("Time inside the engine's library, 1000 samples at a time", highlight=False, style="italic")
+        console.print(_split(split), crop=False)
+    _print_verdict(info, len(speed_error), console)
+
+
+def _table(rows: pd.DataFrame, baseline: float, wide: bool) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    left = ("engine", "method", "setting") if wide else ("engine", "method")
+    right = ("batch", "µs", "p10 - p90", "error", "× fastest", "× rnea")
+    right = right if wide else tuple(name for name in right if name != "p10 - p90")
+    for name in left:
+        table.add_column(name, overflow="fold", no_wrap=wide or name == "engine")
+    for name in right:
+        table.add_column(name, justify="right", no_wrap=True)
+    before: tuple[str, str] = ("", "")
+    for _, row in rows.iterrows():
+        cell = cells(row, baseline)
+        this = (cell["engine"], cell["method"])
+        if not wide:
+            cell["method"] += f"\n{cell['setting']}"
+        elif this == before:
+            cell["method"] = ""
+        if this[0] == before[0]:
+            cell["engine"] = ""
+        before = this
+        table.add_row(*(escape(cell[name]) for name in (*left, *right)))
+    return table
+
+
+def _split(split: pd.DataFrame) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    for name in ("engine", "task", "route"):
+        table.add_column(name, no_wrap=True)
+    for name in ("µs", "in engine", "costliest call", "µs of it"):
+        table.add_column(name, justify="left" if name == "costliest call" else "right", no_wrap=True)
+    for _, row in split.iterrows():
+        numbers = (microseconds(row["us_per_sample"]), f"{row['engine_share']:.0%}")
+        table.add_row(
+            *(escape(str(row[name])) for name in ("engine", "task", "route")), *numbers, escape(str(row["call"])),
+            microseconds(row["call_us"]),
+        )  # fmt: skip
+    return table
+
+
+def _print_verdict(info: Mapping[str, Any], rows: int, console: Console) -> None:
+    for title, style, listed, tells in (
+        ("WRONG", "bold red", info["wrong"], lambda r: f"error {r['max_rel_error']:.1e}, {r['over_tolerance']:.1e} times what is allowed"),
+        ("ERROR", "yellow", info["failed"], lambda r: r["reason"]),
+    ):
+        for row in listed:
+            which = " ".join(str(row[name]) for name in ("engine", "route", "backend", "task", "setting") if row[name])
+            text = escape(f"{which}, batch {row['batch']}: {tells(row)}")
+            console.print(f"[{style}]{title}[/] {text}", highlight=False, soft_wrap=True)
+    good = not info["wrong"] and not info["failed"]
+    text = f"{rows} settings timed" if good else f"{len(info['wrong'])} wrong, {len(info['failed'])} failed"
+    console.print(f"[{'bold green' if good else 'bold red'}]{text}[/] in {info['seconds']:.0f} s", highlight=False)
+
+
+def write_bench(
+    folder: Path, speed_error: pd.DataFrame, scaling: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any]
+) -> None:
+    """speed_error.csv, scaling.csv, split.csv, plots as SVG and PNG, report.html, run.json. Raises OutputError."""
+    baseline = yardstick(info)
+    plots = draw(speed_error, scaling, baseline)
+    shown = {
+        title: [cells(row, baseline) for _, row in best(speed_error[speed_error["task"] == task]).iterrows()]
+        for task, title in TITLES.items()
+    }
+    files: dict[str, str | bytes] = {
+        "speed_error.csv": speed_error[SPEED_ERROR_COLUMNS].to_csv(index=False),
+        "scaling.csv": scaling.to_csv(index=False),
+        "split.csv": split.to_csv(index=False),
+        "report.html": page(shown, speed_error[SPEED_ERROR_COLUMNS], split, plots, info, EQUAL),
+        "run.json": json.dumps(info, indent=2) + "\n",
+    }
+    for name, plot in plots.items():
+        files |= {f"{name}.svg": plot.svg, f"{name}.png": plot.png}
+    write_files(folder, files)

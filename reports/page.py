@@ -1,0 +1,41 @@
+"""A page of everything that `bench` measured, in one file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from .plots import Plot
+
+
+def page(
+    best: Mapping[str, Sequence[Mapping[str, str]]],
+    speed_error: pd.DataFrame,
+    split: pd.DataFrame,
+    plots: Mapping[str, Plot],
+    info: Mapping[str, Any],
+    equal: str,
+) -> str:
+    """The page as text. ``best``: shown rows by title; ``equal``: what the ratio to the fastest means."""
+    environment = Environment(
+        loader=PackageLoader(__package__ or "", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    return environment.get_template("bench.html").render(
+        best={title: rows for title, rows in best.items() if rows},
+        speed_error=[speed_error.columns.tolist(), *speed_error.map(_text).to_numpy().tolist()],
+        split=split.to_dict("records"),
+        plots={name: Markup(plot.svg) for name, plot in plots.items()},  # ours, and made of escaped text
+        info=info,
+        equal=equal,
+    )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return "" if pd.isna(value) else f"{value:.3g}"
+    return str(value)
