@@ -136,21 +136,46 @@ class KktEngine(ABC):
             seconds=perf_counter() - start,
         )
 
+    def driving_forces(self, state: State, undetermined: np.ndarray | None = None) -> np.ndarray:
+        """F (nt, na) [N] by the shortest way. `undetermined` (nt,): as in `solve`, by default no sample."""
+        return self._solved_loops(self.terms(state), undetermined)[0]
+
+    def all_reactions(self, state: State, undetermined: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """F (nt, na) and the wrenches (nt, nj, 6) of `scene.joints`, likewise."""
+        F, held = self._solved_loops(self.terms(state), undetermined)
+        multipliers = np.zeros((len(F), self.scene.N, 3))
+        axes = list(self.scene.loop_axes)
+        multipliers[..., axes] = held.reshape(len(F), -1, len(axes))
+        return F, self.joint_reactions(state, multipliers)
+
+    def actuated(self) -> list[int]:
+        """Velocity index of each actuated joint, leg by leg."""
+        return [self.velocity_index(c) for j in self.scene.joints if j.actuated for c in j.coordinates]
+
+    def _solved_loops(self, terms: Terms, undetermined: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """F and multipliers of assembled samples."""
+        weight = sum(body.mass for body in self.scene.bodies) * float(np.linalg.norm(self.scene.gravity))
+        if undetermined is None:
+            undetermined = np.zeros(len(terms.tau), dtype=bool)
+        return solve(self.name, terms.tau, terms.J, self.actuated(), undetermined, weight)
+
+    def joint_reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
+        """Wrenches (nt, nj, 6) of all `scene.joints`, given the loop forces (nt, N, 3)."""
+        cut = np.array([j.cut for j in self.scene.joints])
+        out = np.empty((len(multipliers), len(cut), 6))
+        out[:, ~cut] = self.reactions(state, multipliers)
+        out[:, cut] = wrench.of_loop(multipliers)
+        return out
+
     def _block(self, state: State, undetermined: np.ndarray) -> tuple[np.ndarray, ...]:
         """F, reactions, L, dL and the gaps at position, velocity and acceleration level of some samples."""
         terms = self.terms(state)
-        joints = self.scene.joints
-        actuated = [self.velocity_index(c) for j in joints if j.actuated for c in j.coordinates]
-        weight = sum(body.mass for body in self.scene.bodies) * float(np.linalg.norm(self.scene.gravity))
-        F, held = solve(self.name, terms.tau, terms.J, actuated, undetermined, weight)
+        F, held = self._solved_loops(terms, undetermined)
         axes = list(self.scene.loop_axes)
         multipliers, gap_velocity = np.zeros_like(terms.gap), np.zeros_like(terms.gap)
         multipliers[..., axes] = held.reshape(len(F), -1, len(axes))
         gap_velocity[..., axes] = np.einsum("tij,tj->ti", terms.J, state.v).reshape(len(F), -1, len(axes))
-        cut = np.array([j.cut for j in joints])
-        reactions = np.empty((len(F), len(cut), 6))
-        reactions[:, ~cut] = self.reactions(state, multipliers)
-        reactions[:, cut] = wrench.of_loop(multipliers)
+        reactions = self.joint_reactions(state, multipliers)
         return F, reactions, terms.L, terms.dL, terms.gap, gap_velocity, terms.gap_acceleration
 
 

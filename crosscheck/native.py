@@ -14,7 +14,6 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from . import wrench
 from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
 from .kkt import KktEngine, State, Terms
 from .trajectory import Trajectory
@@ -76,12 +75,12 @@ class SolverEngine(KktEngine):
         """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations, as in `hard`."""
 
     @abstractmethod
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations (nt, nv) under driving forces (nt, na) by the engine's own solver, as its knobs are set."""
+
+    @abstractmethod
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """Acceleration and angular acceleration (nt, 6) of the platform, world axes, from accelerations (nt, nv)."""
-
-    def actuated(self) -> list[int]:
-        """Velocity index of each actuated joint, leg by leg."""
-        return [self.velocity_index(c) for j in self.scene.joints if j.actuated for c in j.coordinates]
 
     def hard(self, state: State, terms: Terms, F: np.ndarray) -> Hard:
         """Solution of the hard system under driving forces (nt, na). Raises EngineError where it has none.
@@ -117,7 +116,7 @@ class SolverEngine(KktEngine):
         da, dl = response(hard.M, terms.J, hard.A, answer.force_defect, answer.closure_defect)
         loop_error = np.zeros_like(answer.loop_forces)
         loop_error[..., axes] = dl.reshape(len(dl), -1, len(axes))
-        reactions = self._all_reactions(state, answer.a, answer.loop_forces)
+        reactions = self.joint_reactions(state._replace(a=answer.a), answer.loop_forces)
         platform = self.platform_acceleration(trajectory, answer.a)
         return DynamicsResult(
             engine=self.name,
@@ -135,19 +134,12 @@ class SolverEngine(KktEngine):
             valid=answer.valid,
             mobility=hard.condition,
             predicted={  # both are affine in what the solver answers
-                "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
+                "reactions": self.joint_reactions(state._replace(a=answer.a + da), answer.loop_forces + loop_error)
+                - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,
             },
             seconds=perf_counter() - start,
         )
-
-    def _all_reactions(self, state: State, a: np.ndarray, loop_forces: np.ndarray) -> np.ndarray:
-        """Reactions (nt, nj, 6) by the engine's recursion from accelerations and loop forces."""
-        cut = np.array([j.cut for j in self.scene.joints])
-        out = np.empty((len(a), len(cut), 6))
-        out[:, ~cut] = self.reactions(State(state.q, state.v, a), loop_forces)
-        out[:, cut] = wrench.of_loop(loop_forces)
-        return out
 
 
 def in_plane(a: np.ndarray) -> np.ndarray:

@@ -390,7 +390,7 @@ def test_what_is_global_in_dart_is_set_and_put_back(
             if in_the_steps[0]:
                 raise ZeroDivisionError
 
-        monkeypatch.setattr(engine, "_set", fails)
+        monkeypatch.setattr(engine, "set", fails)
         monkeypatch.setattr(engine, "terms", lambda state: terms)
         with pytest.raises(ZeroDivisionError):
             engine.forward_dynamics(trajectory, truth.F)

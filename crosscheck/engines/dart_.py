@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -19,6 +18,7 @@ from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..time_step import defects
 from ..trajectory import Trajectory
+from .dart_world import closed
 
 TIME_STEP = 1e-6
 """Of World.step, s: the error is proportional to it, and rounding of velocities, divided by it, is a hundredth yet."""
@@ -67,7 +67,7 @@ class DartEngine(SteppingEngine):
             for loop in closures["loops"]
         ]
         self.platform = self._body("platform")
-        self.time_step = TIME_STEP
+        self.time_step, self.reduction = TIME_STEP, REDUCTION
 
     def _body(self, name: str) -> Any:
         body = self.skeleton.getBodyNode(name)
@@ -77,9 +77,8 @@ class DartEngine(SteppingEngine):
 
     def facts(self) -> ModelFacts:
         """URDF wants a link between two joints; DART leaves it without mass if the file says zero."""
-        sk = self.skeleton
-        masses = {b.getName(): b.getMass() for b in map(sk.getBodyNode, range(sk.getNumBodyNodes()))}
-        return tree_facts(masses, sk.getNumDofs(), self.scene.nc)
+        bodies = map(self.skeleton.getBodyNode, range(self.skeleton.getNumBodyNodes()))
+        return tree_facts({b.getName(): b.getMass() for b in bodies}, self.skeleton.getNumDofs(), self.scene.nc)
 
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate in the skeleton."""
@@ -116,7 +115,7 @@ class DartEngine(SteppingEngine):
         hulls = [sk.getJoint(c).getTransformFromParentBodyNode().translation() for c in scene.hull_coordinates]
         axes, rows = list(scene.loop_axes), len(scene.loop_axes)
         for k in range(len(state.q)):
-            self._set(state, k)
+            self.set(state, k)
             out.tau[k] = sk.getMassMatrix() @ state.a[k] + sk.getCoriolisAndGravityForces()
             if load:
                 out.tau[k] -= sk.getLinearJacobian(self.platform, np.array(load.point)).T @ load.force
@@ -138,7 +137,7 @@ class DartEngine(SteppingEngine):
         bodies = [sk.getBodyNode(j.child) for j in self.scene.joints if not j.cut]
         force, R = np.empty((len(state.q), len(bodies), 6)), np.empty((len(state.q), len(bodies), 3, 3))
         for k in range(len(state.q)):
-            self._set(state, k)
+            self.set(state, k)
             sk.clearExternalForces()  # addExtForce accumulates
             for (rod, tip), force_W in zip((ends[0] for ends in self.loops), multipliers[k], strict=True):
                 rod.addExtForce(force_W, tip, False, True)
@@ -153,66 +152,52 @@ class DartEngine(SteppingEngine):
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
-
-        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
-        """
+        """`solved`, and the loop forces that its second step leaves behind."""
         sk, scene, dt = self.skeleton, self.scene, self.time_step
         rods, axes = [ends[0] for ends in self.loops], list(scene.loop_axes)
         of_tree = np.array([sk.getDof(d).getTreeIndex() for d in range(sk.getNumDofs())])
-        tau = np.zeros_like(state.v)
-        tau[:, self.actuated()] = F
-        a, loop_forces = np.empty_like(tau), np.zeros((len(F), scene.N, 3))
-        with self._world(state, dt, 0.0) as world:
-            for k in range(len(F)):
-                self._set(state, k)
-                sk.integratePositions(-dt)
-                R: list[np.ndarray] = []
-                for _ in range(2):
-                    self._push(tau[k])
-                    R = [rod.getWorldTransform().rotation() for rod, _ in rods]
-                    world.step(True)
-                a[k] = sk.getAccelerations()
-                for i, (rod, tip) in enumerate(rods):
-                    # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
-                    tree = rod.getTreeIndex()
-                    J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
-                    force_W = np.zeros(3)
-                    force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
-                    loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
+        a, loop_forces = np.empty_like(state.v), np.zeros((len(F), scene.N, 3))
+        for k, step in enumerate(self._last_steps(state, F)):
+            R = [rod.getWorldTransform().rotation() for rod, _ in rods]
+            step(True)
+            a[k] = sk.getAccelerations()
+            for i, (rod, tip) in enumerate(rods):
+                # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
+                tree = rod.getTreeIndex()
+                J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
+                force_W = np.zeros(3)
+                force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
+                loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
         # Velocities are rounded before they are divided by the time step.
         left = defects(self, state, terms, hard, dt, MIXING)
         hinges = [self.velocity_index(c) for c in scene.coordinates if not c.startswith("s")]
         slow = np.abs(state.v[:, hinges]).max(axis=1) * dt < TURN
         return Answer(a, loop_forces, *left, condition=1.0 / dt, valid=slow)
 
-    @contextlib.contextmanager
-    def _world(self, state: State, dt: float, reduction: float) -> Iterator[Any]:
-        """A world of this skeleton, closed at the first sample's pose; what is global in DART is put back after."""
-        dart, sk = self.dart, self.skeleton
-        joint = dart.constraint.BallJointConstraint
-        world = dart.simulation.World()
-        world.setGravity(sk.getGravity())  # it overwrites the skeleton's
-        world.setTimeStep(dt)
-        awake = world.getDeactivationOptions()
-        awake.mEnabled = False
-        world.setDeactivationOptions(awake)
-        world.addSkeleton(sk)
-        self._set(state, 0)
-        sk.clearExternalForces()  # which inverse dynamics leaves behind
-        before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
-        solver = world.getConstraintSolver()
-        try:
-            joint.setErrorReductionParameter(reduction)
-            joint.setConstraintForceMixing(MIXING)
-            for (rod, tip), (platform, _) in self.loops:
-                solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
-            yield world
-        finally:
-            joint.setErrorReductionParameter(before[0])
-            joint.setConstraintForceMixing(before[1])
-            solver.removeAllConstraints()  # before the skeleton goes
-            world.removeSkeleton(sk)
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations of the second of two ``World.step``."""
+        a = np.empty_like(state.v)
+        for k, step in enumerate(self._last_steps(state, F)):
+            step(True)
+            a[k] = self.skeleton.getAccelerations()
+        return a
+
+    def _last_steps(self, state: State, F: np.ndarray) -> Iterator[Any]:
+        """After the first of two ``World.step`` from the pose one step earlier: makes the velocity consistent there.
+
+        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
+        """
+        sk, dt = self.skeleton, self.time_step
+        tau = np.zeros_like(state.v)
+        tau[:, self.actuated()] = F
+        with closed(self, state, dt, 0.0, MIXING) as world:
+            for k in range(len(F)):
+                self.set(state, k)
+                sk.integratePositions(-dt)
+                self._push(tau[k])
+                world.step(True)
+                self._push(tau[k])
+                yield world.step
 
     def _push(self, tau: np.ndarray) -> None:
         """Forces and load of the next step, which clears them."""
@@ -225,7 +210,7 @@ class DartEngine(SteppingEngine):
         """``getMassMatrix``."""
         M = np.empty((*state.v.shape, state.v.shape[1]))
         for k in range(len(M)):
-            self._set(state, k)
+            self.set(state, k)
             M[k] = self.skeleton.getMassMatrix()
         return M
 
@@ -234,7 +219,7 @@ class DartEngine(SteppingEngine):
         sk, platform = self.skeleton, self.platform
         out = Seen.empty(len(state.q))
         for k in range(len(state.q)):
-            self._set(state, k)
+            self.set(state, k)
             T = platform.getWorldTransform()
             out.position[k], out.rotation[k] = T.translation(), T.rotation()
             out.velocity[k], out.angular_velocity[k] = platform.getLinearVelocity(), platform.getAngularVelocity()
@@ -254,7 +239,7 @@ class DartEngine(SteppingEngine):
         sk, start, tau = self.skeleton, self.state(problem.start), np.zeros(self.scene.nv)
         n, actuated = len(problem.grid), self.actuated()
         q, v = np.empty((2, n, self.scene.nv))
-        with self._world(start, F.dt, REDUCTION) as world:
+        with closed(self, start, F.dt, self.reduction, MIXING) as world:
             for k in range(n):
                 q[k], v[k] = sk.getPositions(), sk.getVelocities()
                 for step in range(steps if k < n - 1 else 0):
@@ -267,7 +252,7 @@ class DartEngine(SteppingEngine):
         """Positions after so many seconds at velocities (nt, nv)."""
         state, out = State(q, v, np.zeros_like(v)), np.empty_like(q)
         for k in range(len(out)):
-            self._set(state, k)
+            self.set(state, k)
             self.skeleton.integratePositions(step)
             out[k] = self.skeleton.getPositions()
         return out
@@ -283,7 +268,7 @@ class DartEngine(SteppingEngine):
         """A free joint accelerates in world axes."""
         return self.in_world(a)
 
-    def _set(self, state: State, k: int) -> None:
+    def set(self, state: State, k: int) -> None:
         """State of one sample; DART only prints when it refuses one, so what it holds is read back."""
         sk = self.skeleton
         sk.setPositions(state.q[k])

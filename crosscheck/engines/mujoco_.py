@@ -6,7 +6,7 @@ Its inverse dynamics does not see hard loops; what it assembles is exact to roun
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +27,9 @@ IMPEDANCE = 0.9999
 
 TOLERANCE = 1e-15
 """Of the Newton solver: its one step is exact here, as no loop can open or slip; 0 would repeat it a hundred times."""
+
+INTEGRATOR, TIME_CONSTANT = "RK4", 2.0
+"""Of `own_steps`: one of mjtIntegrator, and of solref, in steps: the least that MuJoCo takes."""
 
 
 class MujocoEngine(SteppingEngine):
@@ -54,6 +57,7 @@ class MujocoEngine(SteppingEngine):
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
         self.platform = self.model.body("platform").id
         self.impedance = IMPEDANCE
+        self.integrator, self.time_constant = INTEGRATOR, TIME_CONSTANT
 
     def facts(self) -> ModelFacts:
         """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
@@ -134,7 +138,29 @@ class MujocoEngine(SteppingEngine):
         return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
+        """`solved`, and how soft each row was."""
+        scene = self.scene
+        nt, axes = len(F), list(scene.loop_axes)
+        a, (R, pull, loop_forces) = np.empty_like(state.v), np.empty((3, nt, scene.N, 3))
+        for k, d in enumerate(self._forward(state, F)):
+            stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
+            pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
+            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
+        R, pull = (x[..., axes].reshape(nt, scene.nc) for x in (R, pull))
+        soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
+        closure = pull - R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
+        stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
+        return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
+
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """``qacc`` of ``mj_forward``."""
+        a = np.empty_like(state.v)
+        for k, d in enumerate(self._forward(state, F)):
+            a[k] = d.qacc
+        return a
+
+    def _forward(self, state: State, F: np.ndarray) -> Iterator[Any]:
+        """``mj_forward`` of every sample: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
         beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
         if len(beyond):
@@ -147,23 +173,14 @@ class MujocoEngine(SteppingEngine):
         m.opt.tolerance = TOLERANCE
         d = mj.MjData(m)
         motors = [m.actuator(f"F{i}").id for i in scene.legs]
-        nt, axes = len(F), list(scene.loop_axes)
-        a, (R, pull, loop_forces) = np.empty((nt, m.nv)), np.empty((3, nt, scene.N, 3))
-        for k in range(nt):
+        for k in range(len(F)):
             d.qpos, d.qvel, d.ctrl[motors] = state.q[k], state.v[k], F[k]
             mj.mj_fwdPosition(m, d)
             d.qfrc_applied = self._load(d)
             mj.mj_forward(m, d)
             self._require_rows(d)
-            stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
-            pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
-            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
+            yield d
         self._require_quiet(d)
-        R, pull = (x[..., axes].reshape(nt, scene.nc) for x in (R, pull))
-        soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
-        closure = pull - R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
-        stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
-        return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""
@@ -197,20 +214,22 @@ class MujocoEngine(SteppingEngine):
         return out
 
     native_dt, native_order = 1e-3, 2
-    native_integrator = "mj_step RK4"
-    native_setting = f"Newton, tolerance {TOLERANCE:g}, solimp {IMPEDANCE:g}, solref timeconst 2 dt, F at the stages"
+    native_integrator = f"mj_step {INTEGRATOR}"
+    native_setting = (
+        f"Newton, tolerance {TOLERANCE:g}, solimp {IMPEDANCE:g}, solref timeconst {TIME_CONSTANT:g} dt, F at the stages"
+    )
 
     def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
         """``mj_step``, forces and load set by its control callback, which every stage calls.
 
-        Soft loops sag by (1 - d) timeconst^2 of the acceleration that loads them: of second order as the time constant
-        is two steps, the least that MuJoCo takes.
+        Soft loops sag by (1 - d) timeconst^2 of the acceleration that loads them: of second order, as the time constant
+        is so many steps.
         """
         mj, m = self.mj, copy.copy(self.model)
-        m.opt.integrator = mj.mjtIntegrator.mjINT_RK4
+        m.opt.integrator = getattr(mj.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
         m.opt.timestep, m.opt.tolerance = F.dt, TOLERANCE
         m.opt.disableflags |= mj.mjtDisableBit.mjDSBL_AUTORESET
-        m.eq_solimp[:, :2], m.eq_solref[:] = self.impedance, (2.0 * F.dt, 1.0)
+        m.eq_solimp[:, :2], m.eq_solref[:] = self.impedance, (self.time_constant * F.dt, 1.0)
         d = mj.MjData(m)
         motors = [m.actuator(f"F{i}").id for i in self.scene.legs]
         start = self.state(problem.start)

@@ -168,6 +168,10 @@ class PinocchioEngine(SteppingEngine):
             left = shrink @ left
         return Answer(a, loop_forces, np.zeros_like(a), -(hard.A @ left)[..., 0])
 
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """What ``constraintDynamics`` returns."""
+        return self._solved(state, F)[0]
+
     def _solved(self, state: State, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (nt, nv) and loop forces (nt, N, 3) of ``constraintDynamics``."""
         pin, m, d, scene = self.pin, self.model, self.solver_data, self.scene
@@ -222,7 +226,7 @@ class PinocchioEngine(SteppingEngine):
 
     def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
         """Pinocchio has no steps in time: its solver at the stages of ours."""
-        return self.runge_kutta(problem, F, steps, lambda state, F: self._solved(state, F)[0])
+        return self.runge_kutta(problem, F, steps, self.solved)
 
     def _load(self) -> Any:
         """Outside forces of the scene's load; the placement of the platform must be current."""
