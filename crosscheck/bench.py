@@ -13,7 +13,7 @@ import pandas as pd
 
 from ..models import write_models
 from ..models.scene import Scene
-from .bench_table import Timed, Truth, scaling, speed_error
+from .bench_table import SPLIT_COLUMNS, Timed, Truth, scaling, speed_error
 from .bench_work import First, again, first, threads
 from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure
 from .problem import pose
@@ -41,6 +41,7 @@ class BenchReport:
 
     speed_error: pd.DataFrame
     scaling: pd.DataFrame
+    split: pd.DataFrame
     info: dict
 
     @property
@@ -162,7 +163,7 @@ def bench(
         "without_sweep": [name for name in chosen if name not in sweep_names()],
         **verdict(found),
     }
-    report = BenchReport(speed_error(scene, found), scaling(scene, found), info)
+    report = BenchReport(speed_error(scene, found), scaling(scene, found), pd.DataFrame(columns=SPLIT_COLUMNS), info)
     info["status"] = report.status
     return report
 

@@ -58,10 +58,12 @@ def first(case: Case, inputs: Inputs, least: float, warm: Warm = _warm) -> First
     results = [ready.call(part) for part in ready.parts]
     answer = ready.read(results, picked(len(inputs.trajectory.t), case.batch))
     del results
-    peak = _peak(ready) if case.task != "simulate" else 0
-    if (seconds := timer.timeit(number := 1)) < least:
+    number, peak = 1, 0
+    if case.task != "simulate":  # which takes so long that one call is a timing
+        peak = _peak(ready)
         number, seconds = timer.autorange()
-    return First(answer, max(1, round(number * least / seconds)), ready.samples, peak)
+        number = max(1, round(number * least / seconds))
+    return First(answer, number, ready.samples, peak)
 
 
 def _peak(ready: Ready) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import secrets
 import sys
@@ -32,6 +31,7 @@ from .engine import (
     load_engine,
     routes,
 )
+from .machine import machine
 from .processes import run_engines
 from .samples import samples
 from .tolerance import ROUND_OFF, of_forces
@@ -177,7 +177,7 @@ def provenance(run_id: str, started: datetime, scene: Scene, engines: Mapping[st
         "started": started.isoformat(),
         "command": sys.argv,
         "versions": _versions(engines),
-        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
+        "machine": machine(),
         "scene": {"name": scene.name, "sha256": scene.sha256},
     }
 

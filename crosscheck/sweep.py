@@ -67,12 +67,12 @@ class Plan(NamedTuple):
     samples: int = SAMPLES
 
     def some(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Values of a knob, the last (most accurate) one among them."""
-        return values[:: -self.every][::-1]
+        """Values of a knob, the first one among them."""
+        return values[:: self.every]
 
 
 FULL = Plan(tuple(10**k for k in range(7)), tuple(10**k for k in range(5)), 1, 9, 2.5, 0.05)
-QUICK = Plan((1, 100, 10_000), (1, 1000), 3, 5, 0.4, 0.02)
+QUICK = Plan((1, 100, 10_000), (1, 1000), 3, 5, 0.3, 0.02)
 
 
 @dataclass(frozen=True)

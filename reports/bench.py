@@ -83,6 +83,37 @@ def yardstick(info: Mapping[str, Any]) -> float:
     return info["baseline"]["us_per_sample"] if info["baseline"] else float("nan")
 
 
+def summary(table: pd.DataFrame) -> list[str]:
+    """A sentence for each task: the fastest of the most accurate engines, and the formulas where they are as accurate."""
+    lines = []
+    table = table[table["max_rel_error"].notna() & (table["engine"] != "reference")]
+    for task, title in TITLES.items():
+        rows = table[table["task"] == task]
+        ours, engines = rows[rows["engine"] == "analytic"], rows[rows["engine"] != "analytic"]
+        if not len(ours) or not len(engines):
+            continue
+        theirs = _fastest(engines, 10.0 * engines["max_rel_error"].min())
+        fastest = _fastest(ours, 10.0 * theirs["max_rel_error"])
+        if fastest is None:
+            continue
+        ratio = theirs["us_per_sample"] / fastest["us_per_sample"]
+        lines.append(
+            f"{title}: {_which(fastest)}; of the most accurate engines the fastest is {_which(theirs)},"
+            f" {microseconds(ratio)} times as long."
+        )
+    return lines
+
+
+def _fastest(rows: pd.DataFrame, error: float) -> Any:
+    rows = rows[rows["max_rel_error"] <= error]
+    return rows.loc[rows["us_per_sample"].idxmin()] if len(rows) else None
+
+
+def _which(row: pd.Series) -> str:
+    method = " ".join(str(row[name]) for name in ("engine", "route", "backend") if row[name])
+    return f"{method} with {microseconds(row['us_per_sample'])} µs, error {row['max_rel_error']:.1e}"
+
+
 def print_bench(speed_error: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any], console: Console) -> None:
     """Print the best settings of each method by task, the split of engines, what failed or is wrong, and the verdict."""
     shown = best(speed_error)
@@ -92,6 +123,8 @@ def print_bench(speed_error: pd.DataFrame, split: pd.DataFrame, info: Mapping[st
             console.print(title, highlight=False, style="italic", soft_wrap=True)
             console.print(_table(rows, yardstick(info), console.width >= WIDE), crop=False)
             console.print()
+    for line in summary(speed_error):
+        console.print(line, highlight=False, soft_wrap=True)
     console.print(EQUAL, highlight=False, style="dim")
     if info["baseline"]:
         console.print(
@@ -174,7 +207,7 @@ def write_bench(
         "speed_error.csv": speed_error[SPEED_ERROR_COLUMNS].to_csv(index=False),
         "scaling.csv": scaling.to_csv(index=False),
         "split.csv": split.to_csv(index=False),
-        "report.html": page(shown, speed_error[SPEED_ERROR_COLUMNS], split, plots, info, EQUAL),
+        "report.html": page(shown, speed_error[SPEED_ERROR_COLUMNS], split, plots, info, EQUAL, summary(speed_error)),
         "run.json": json.dumps(info, indent=2) + "\n",
     }
     for name, plot in plots.items():

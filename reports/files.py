@@ -101,12 +101,12 @@ def _publish(staging: Path, folder: Path) -> None:
         file.rename(folder / file.name)
 
 
-def write_files(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write text files by name into a folder that does not exist or is empty. Raises OutputError."""
+def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
+    """Write texts and bytes by name into a folder that does not exist or is empty. Raises OutputError."""
     require_free(folder)
     with _whole(folder) as staging:
-        for name, text in texts.items():
-            (staging / name).write_text(text, encoding="utf-8")
+        for name, content in files.items():
+            (staging / name).write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
 def write_run(folder: Path, agreement: pd.DataFrame, samples: Iterable[pd.DataFrame], info: Mapping[str, Any]) -> None:

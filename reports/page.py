@@ -19,8 +19,10 @@ def page(
     plots: Mapping[str, Plot],
     info: Mapping[str, Any],
     equal: str,
+    summary: Sequence[str],
 ) -> str:
-    """The page as text. ``best``: shown rows by title; ``equal``: what the ratio to the fastest means."""
+    """The page as text. ``best``: shown rows by title; ``equal``: what the ratio to the fastest means;
+    ``summary``: sentences."""
     environment = Environment(
         loader=PackageLoader(__package__ or "", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
@@ -32,6 +34,7 @@ def page(
         plots={name: Markup(plot.svg) for name, plot in plots.items()},  # ours, and made of escaped text
         info=info,
         equal=equal,
+        summary=summary,
     )
 
 

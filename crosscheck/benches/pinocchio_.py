@@ -9,7 +9,7 @@ from ..engine import load_engine
 from ..kkt_sweep import KktSweep, Knob
 from ..sweep import BASELINE, Case, Inputs, Plan, Ready
 
-_PROXIMAL = ((1e-4, 1), (1e-6, 1), (1e-8, 1), (1e-10, 1), (1e-4, 2), (1e-4, 3), (1e-4, 5), (1e-10, 5))
+_PROXIMAL = ((1e-4, 1), (1e-6, 1), (1e-8, 1), (1e-10, 1), (1e-4, 2), (1e-4, 3), (1e-10, 5))
 
 
 class PinocchioSweep(KktSweep):
