@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from ..models import write_models
@@ -92,7 +91,11 @@ def measure(
     return {
         case: failed[case]
         if case in failed
-        else Timed([s / (ready[case][0].number * ready[case][0].samples) for s in seconds[case]], ready[case][1], ready[case][0].peak)
+        else Timed(
+            [s / (ready[case][0].number * ready[case][0].samples) for s in seconds[case]],
+            ready[case][1],
+            ready[case][0].peak,
+        )
         for case in cases
     }
 
@@ -170,7 +173,9 @@ def bench(
 
 def plan_cases(scene: Scene, engines: Sequence[str], plan: Plan) -> list[Case]:
     """Cases of engines that have a sweep, the yardstick first."""
-    cases = [case for name in sweep_names() if name in (*engines, YARDSTICK) for case in load_sweep(name).cases(scene, plan)]
+    cases = [
+        case for name in sweep_names() if name in (*engines, YARDSTICK) for case in load_sweep(name).cases(scene, plan)
+    ]
     cases = [case for case in cases if case.engine in engines or case.task == BASELINE]
     return sorted(cases, key=lambda case: case.task != BASELINE)
 

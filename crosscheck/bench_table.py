@@ -55,11 +55,10 @@ class Truth:
     problem: Problem
 
     def error(self, case: Case, answer: Any, floor: float = 0.0) -> Error | None:
-        """Error of an answer, None where there is none. Raises EngineError for a wrong shape or a value that is not
-        finite.
+        """Error of an answer, None where there is none. Raises EngineError: a wrong shape, a value not finite.
 
         ``floor``: smallest moment of inertia [kg m^2] of the engine's format.
-        """  # fmt: skip
+        """
         if answer is None:
             return None
         if case.task == "simulate":

@@ -56,9 +56,7 @@ def simulate(
         plain(progress, f"writing {folder}")
         write_simulation(folder, report.simulation, report.states(), report.info)
     screen = console()
-    plain(
-        screen, f"{loaded.name}: {problem.duration:g} s from {problem.start.source}; forces: {report.info['forces']}"
-    )
+    plain(screen, f"{loaded.name}: {problem.duration:g} s from {problem.start.source}; forces: {report.info['forces']}")
     print_simulation(report.simulation, problem.duration, screen)
     for name in report.info["without_simulation"]:
         certified = report.info["certified_samples"]

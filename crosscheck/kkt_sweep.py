@@ -11,8 +11,8 @@ import numpy as np
 from ..models.scene import Scene
 from .engine import EngineError, load_engine
 from .kkt import KktEngine, State
-from .stepping import SteppingEngine, continuous
 from .problem import Staged
+from .stepping import SteppingEngine, continuous
 from .sweep import Case, Inputs, Plan, Ready, parts
 
 HARD = "hard loops"

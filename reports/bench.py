@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from .files import write_files
-from .page import page
+from .page import Shown, page
 from .plots import draw
 
 SPEED_ERROR_COLUMNS = [
@@ -36,6 +36,7 @@ EQUAL = (
     "× fastest: time over that of the fastest row of the task that is at most ten times as wrong and takes at most as"
     " many samples at a time"
 )
+SPREAD = "p10 - p90"
 WIDE = 120
 """Columns of a terminal from which settings and spread have columns of their own."""
 
@@ -52,9 +53,9 @@ def best(table: pd.DataFrame) -> pd.DataFrame:
     return table.loc[rows]
 
 
-def microseconds(us: float) -> str:
+def number(x: float) -> str:
     """Three digits, without exponent."""
-    return "" if pd.isna(us) else f"{us:,.0f}" if us >= 100 else f"{us:.3g}"
+    return "" if pd.isna(x) else f"{x:,.0f}" if x >= 100 else f"{x:.3g}"
 
 
 def samples(batch: int) -> str:
@@ -62,19 +63,30 @@ def samples(batch: int) -> str:
     return f"1e{round(np.log10(batch))}" if batch >= 1000 and 10 ** round(np.log10(batch)) == batch else str(batch)
 
 
+LEFT = ("engine", "method", "setting")
+"""Columns of text."""
+
+
+def columns(task: str) -> tuple[str, ...]:
+    """Columns of a task: a simulation takes milliseconds and has no batch."""
+    numbers = ("ms",) if task == "simulate" else ("batch", "µs")
+    return (*LEFT, *numbers, SPREAD, "error", "× fastest", "× rnea")
+
+
 def cells(row: pd.Series, baseline: float) -> dict[str, str]:
     """What is shown of a row, by column."""
-    spread = f"{microseconds(row['us_p10'])} - {microseconds(row['us_p90'])}"
+    median, p10, p90 = row["us_per_sample"], row["us_p10"], row["us_p90"]
     return {
         "engine": str(row["engine"]),
         "method": f"{row['route']} {row['backend']}".strip(),
         "setting": str(row["setting"]),
         "batch": samples(int(row["batch"])),
-        "µs": microseconds(row["us_per_sample"]),
-        "p10 - p90": spread,
+        "µs": number(median),
+        "ms": number(median / 1e3),
+        SPREAD: " - ".join(number(us / (1e3 if row["task"] == "simulate" else 1.0)) for us in (p10, p90)),
         "error": f"{row['max_rel_error']:.1e}",
-        "× fastest": microseconds(row["ratio_to_fastest"]),
-        "× rnea": microseconds(row["us_per_sample"] / baseline),
+        "× fastest": number(row["ratio_to_fastest"]),
+        "× rnea": number(median / baseline),
     }
 
 
@@ -84,7 +96,7 @@ def yardstick(info: Mapping[str, Any]) -> float:
 
 
 def summary(table: pd.DataFrame) -> list[str]:
-    """A sentence for each task: the fastest of the most accurate engines, and the formulas where they are as accurate."""
+    """A sentence for each task: the fastest of the most accurate engines, and the formulas that are as accurate."""
     lines = []
     table = table[table["max_rel_error"].notna() & (table["engine"] != "reference")]
     for task, title in TITLES.items():
@@ -99,23 +111,25 @@ def summary(table: pd.DataFrame) -> list[str]:
         ratio = theirs["us_per_sample"] / fastest["us_per_sample"]
         lines.append(
             f"{title}: {_which(fastest)}; of the most accurate engines the fastest is {_which(theirs)},"
-            f" {microseconds(ratio)} times as long."
+            f" {number(ratio)} times as long"
         )
     return lines
 
 
 def _fastest(rows: pd.DataFrame, error: float) -> Any:
-    rows = rows[rows["max_rel_error"] <= error]
-    return rows.loc[rows["us_per_sample"].idxmin()] if len(rows) else None
+    rows = rows[rows["max_rel_error"] <= error].sort_values("us_per_sample")
+    return rows.iloc[0] if len(rows) else None
 
 
 def _which(row: pd.Series) -> str:
     method = " ".join(str(row[name]) for name in ("engine", "route", "backend") if row[name])
-    return f"{method} with {microseconds(row['us_per_sample'])} µs, error {row['max_rel_error']:.1e}"
+    us = row["us_per_sample"]
+    time = f"{number(us)} µs" if us < 1e4 else f"{number(us / 1e3)} ms"
+    return f"{method} with {time}, error {row['max_rel_error']:.1e}"
 
 
 def print_bench(speed_error: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any], console: Console) -> None:
-    """Print the best settings of each method by task, the split of engines, what failed or is wrong, and the verdict."""
+    """Print the best settings of each method by task, the split of engines, what failed or is wrong."""
     shown = best(speed_error)
     for task, title in TITLES.items():
         rows = shown[shown["task"] == task]
@@ -142,9 +156,8 @@ def print_bench(speed_error: pd.DataFrame, split: pd.DataFrame, info: Mapping[st
 
 def _table(rows: pd.DataFrame, baseline: float, wide: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    left = ("engine", "method", "setting") if wide else ("engine", "method")
-    right = ("batch", "µs", "p10 - p90", "error", "× fastest", "× rnea")
-    right = right if wide else tuple(name for name in right if name != "p10 - p90")
+    left = LEFT if wide else LEFT[:2]
+    right = [name for name in columns(str(rows["task"].iloc[0])) if name not in LEFT and (wide or name != SPREAD)]
     for name in left:
         table.add_column(name, overflow="fold", no_wrap=wide or name == "engine")
     for name in right:
@@ -171,17 +184,22 @@ def _split(split: pd.DataFrame) -> Table:
     for name in ("µs", "in engine", "costliest call", "µs of it"):
         table.add_column(name, justify="left" if name == "costliest call" else "right", no_wrap=True)
     for _, row in split.iterrows():
-        numbers = (microseconds(row["us_per_sample"]), f"{row['engine_share']:.0%}")
+        numbers = (number(row["us_per_sample"]), f"{row['engine_share']:.0%}")
         table.add_row(
             *(escape(str(row[name])) for name in ("engine", "task", "route")), *numbers, escape(str(row["call"])),
-            microseconds(row["call_us"]),
+            number(row["call_us"]),
         )  # fmt: skip
     return table
 
 
 def _print_verdict(info: Mapping[str, Any], rows: int, console: Console) -> None:
     for title, style, listed, tells in (
-        ("WRONG", "bold red", info["wrong"], lambda r: f"error {r['max_rel_error']:.1e}, {r['over_tolerance']:.1e} times what is allowed"),
+        (
+            "WRONG",
+            "bold red",
+            info["wrong"],
+            lambda r: f"error {r['max_rel_error']:.1e}, {r['over_tolerance']:.1e} times what is allowed",
+        ),
         ("ERROR", "yellow", info["failed"], lambda r: r["reason"]),
     ):
         for row in listed:
@@ -199,10 +217,10 @@ def write_bench(
     """speed_error.csv, scaling.csv, split.csv, plots as SVG and PNG, report.html, run.json. Raises OutputError."""
     baseline = yardstick(info)
     plots = draw(speed_error, scaling, baseline)
-    shown = {
-        title: [cells(row, baseline) for _, row in best(speed_error[speed_error["task"] == task]).iterrows()]
-        for task, title in TITLES.items()
-    }
+    shown = []
+    for task, title in TITLES.items():
+        rows = best(speed_error[speed_error["task"] == task])
+        shown.append(Shown(title, columns(task), [cells(row, baseline) for _, row in rows.iterrows()]))
     files: dict[str, str | bytes] = {
         "speed_error.csv": speed_error[SPEED_ERROR_COLUMNS].to_csv(index=False),
         "scaling.csv": scaling.to_csv(index=False),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -12,8 +12,16 @@ from markupsafe import Markup
 from .plots import Plot
 
 
+class Shown(NamedTuple):
+    """A table: its title, its columns, and rows of text by column."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Mapping[str, str]]
+
+
 def page(
-    best: Mapping[str, Sequence[Mapping[str, str]]],
+    best: Sequence[Shown],
     speed_error: pd.DataFrame,
     split: pd.DataFrame,
     plots: Mapping[str, Plot],
@@ -21,14 +29,16 @@ def page(
     equal: str,
     summary: Sequence[str],
 ) -> str:
-    """The page as text. ``best``: shown rows by title; ``equal``: what the ratio to the fastest means;
-    ``summary``: sentences."""
+    """The page as text.
+
+    ``best``: what is best of each task; ``equal``: what the ratio to the fastest means; ``summary``: sentences.
+    """
     environment = Environment(
         loader=PackageLoader(__package__ or "", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     return environment.get_template("bench.html").render(
-        best={title: rows for title, rows in best.items() if rows},
+        best=[shown for shown in best if shown.rows],
         speed_error=[speed_error.columns.tolist(), *speed_error.map(_text).to_numpy().tolist()],
         split=split.to_dict("records"),
         plots={name: Markup(plot.svg) for name, plot in plots.items()},  # ours, and made of escaped text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 PANELS = {
     "driving_forces": "Driving forces",
@@ -18,10 +20,17 @@ PANELS = {
     "forward_step": "Accelerations from forces",
     "simulate": "One second of motion",
 }
-COLOURS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
+COLOURS = {
+    "analytic": "#000000",
+    "mujoco": "#0072b2",
+    "pinocchio": "#d55e00",
+    "dart": "#009e73",
+    "reference": "#cc79a7",
+}
+OTHERS = "#e69f00"
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "p", "h", "d", "8")
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
-STYLE: dict[str, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.grid": True,
     "grid.alpha": 0.35,
@@ -62,27 +71,32 @@ def _files(name: str, figure: Figure) -> Plot:
     return Plot(text[text.index("<svg") :], png.getvalue())
 
 
-def styles(methods: Iterable[tuple[str, ...]]) -> dict[tuple[str, ...], dict[str, Any]]:
-    """Colour, marker and line of each method, engine by engine: no two are alike without colour either."""
+KNOB = r", ([a-z]+ [\d.].*)$"
+"""The end of a setting that is a knob: a name and a number."""
+
+Method = tuple[str, ...]
+"""Engine, route, back end, and what its settings have in common."""
+
+
+def methods(rows: pd.DataFrame) -> pd.Series:
+    """Method of each row: a setting may end with its knob, after a comma, a name and a number."""
+    family = rows["setting"].fillna("").str.replace(KNOB, "", regex=True)
+    names = [rows[name].fillna("").astype(str) for name in ("engine", "route", "backend")]
+    return pd.Series(list(zip(*names, family, strict=True)), index=rows.index, dtype=object)
+
+
+def styles(found: Iterable[Method]) -> dict[Method, dict[str, Any]]:
+    """Colour by engine; marker and line by method: no two are alike in black and white."""
     return {
         method: {
-            "color": COLOURS[k % len(COLOURS)],
+            "color": COLOURS.get(method[0], OTHERS),
             "marker": MARKERS[k % len(MARKERS)],
             "linestyle": LINES[k % len(LINES)],
             "markersize": 5.5,
             "linewidth": 1.2,
         }
-        for k, method in enumerate(dict.fromkeys(methods))
+        for k, method in enumerate(dict.fromkeys(found))
     }
-
-
-def _methods(rows: pd.DataFrame) -> list[tuple[str, ...]]:
-    names = rows[["engine", "route", "backend"]].fillna("").itertuples(index=False)
-    return [tuple(map(str, name)) for name in names]
-
-
-def _of(rows: pd.DataFrame, method: tuple[str, ...]) -> pd.DataFrame:
-    return rows[[found == method for found in _methods(rows)]]
 
 
 def _range(values: Iterable[Any]) -> str:
@@ -90,11 +104,13 @@ def _range(values: Iterable[Any]) -> str:
     return str(ends[0]) if len(ends) == 1 else f"{ends[0]} … {ends[-1]}"
 
 
-def _legend(method: tuple[str, ...], rows: pd.DataFrame) -> str:
-    """Method, its settings from the first to the last, and its batches."""
-    text = " ".join(part for part in method if part)
-    settings, batches = _range(rows["setting"]), [_power(b) for b in sorted(rows["batch"].unique())]
-    return f"{text}\n  {settings}" + (f"\n  batch {_range(batches)}" if len(batches) > 1 or batches != ["1"] else "")
+def _legend(method: Method, rows: pd.DataFrame) -> str:
+    """Method, its knob from the first to the last, and its batches."""
+    knobs = [found[1] for s in rows["setting"] if (found := re.search(KNOB, s))]
+    batches = [_power(b) for b in sorted(rows["batch"].unique())]
+    ranges = [_range(knobs)] if knobs else []
+    ranges += [f"batch {_range(batches)}"] if batches != ["1"] else []
+    return f"{' '.join(part for part in method[:3] if part)}: {method[3]}" + "".join(f"\n   {x}" for x in ranges)
 
 
 def _power(batch: int) -> str:
@@ -105,73 +121,85 @@ def work_precision(table: pd.DataFrame, baseline: float) -> Figure:
     """Error over time per sample, one panel per task, one curve per method; hollow marks take one sample at a time."""
     table = table[table["max_rel_error"].notna() & table["us_per_sample"].notna()]
     tasks = [task for task in PANELS if (table["task"] == task).any()]
-    figure = Figure(figsize=(8.5, 4.6 * len(tasks)), layout="constrained")
+    height = 5.0 * max(len(tasks), 1)
+    figure = Figure(figsize=(11.0, height))
     if not tasks:
         return figure
-    style = styles(_methods(table))
+    figure.subplots_adjust(left=0.08, right=0.66, bottom=0.6 / height, top=1.0 - 0.4 / height, hspace=0.34)
     for axes, task in zip(np.atleast_1d(figure.subplots(len(tasks), 1)), tasks, strict=True):
         rows = table[table["task"] == task]
-        for method in dict.fromkeys(_methods(rows)):
-            _curve(axes, _of(rows, method), style[method], _legend(method, _of(rows, method)))
+        unit = 1e-6 if task == "simulate" else 1.0
+        rows = rows.assign(**{name: rows[name] * unit for name in ("us_per_sample", "us_p10", "us_p90")})
+        which = methods(rows)
+        for method, style in styles(which).items():
+            _curve(axes, rows[which == method], style, _legend(method, rows[which == method]))
         axes.axhline(ROUNDING, color="0.5", linewidth=0.8, linestyle=":")
-        if task != "simulate" and np.isfinite(baseline):
-            axes.axvline(baseline, color="0.4", linewidth=1.0, linestyle="--")
-            axes.annotate(
-                "pin.rnea, open tree", (baseline, 0.98), xycoords=("data", "axes fraction"), xytext=(4, 0),
-                textcoords="offset points", rotation=90, va="top", fontsize=8, color="0.3",
-            )  # fmt: skip
-        unit = "simulated second" if task == "simulate" else "sample"
-        axes.set(
-            xscale="log", yscale="log", title=PANELS[task], xlabel=f"time per {unit} [µs]",
-            ylabel="largest error over scale [1]" if task != "simulate" else "pose error [longest leg, rad]",
-        )  # fmt: skip
-        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize=7.5, labelspacing=0.7, handlelength=3.2)
+        axes.set(xscale="log", yscale="log", title=PANELS[task])
+        if task == "simulate":
+            axes.set(xlabel="time per simulated second [s]", ylabel="largest error of the pose [longest leg, rad]")
+        else:
+            axes.set(xlabel="time per sample [µs]", ylabel="largest error over scale [1]")
+            axes.set_ylim(bottom=ROUNDING / 5.0, top=max(axes.get_ylim()[1], 1e-13))
+            if np.isfinite(baseline):
+                _yardstick(axes, baseline)
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize=8, labelspacing=0.6, handlelength=3.4)
     return figure
 
 
+def _yardstick(axes: Axes, baseline: float) -> None:
+    axes.axvline(baseline, color="0.4", linewidth=1.0, linestyle="--")
+    axes.annotate(
+        "pin.rnea, open tree", (baseline, 0.98), xycoords=("data", "axes fraction"), xytext=(4, 0),
+        textcoords="offset points", rotation=90, va="top", fontsize=8, color="0.3",
+    )  # fmt: skip
+
+
 def _curve(axes: Axes, rows: pd.DataFrame, style: Mapping[str, Any], label: str) -> None:
-    """Marks of a method; lines join batches of one setting, and settings at the largest batch."""
+    """Marks of a method; lines join the batches of a setting, and the settings of the largest batch."""
     x, y = rows["us_per_sample"], rows["max_rel_error"].clip(lower=FLOOR)
-    joined = [part.sort_values("batch") for _, part in rows.groupby("setting", sort=False)]
-    joined.append(rows[rows["batch"] == rows["batch"].max()].sort_values("us_per_sample"))
-    line = {key: style[key] for key in ("color", "linestyle", "linewidth")}
+    joined = [part.sort_values("batch").index for _, part in rows.groupby("setting", sort=False)]
+    joined.append(rows[rows["batch"] == rows["batch"].max()].index)
+    line: dict[str, Any] = {key: style[key] for key in ("color", "linestyle", "linewidth")}
     for part in joined:
         if len(part) > 1:
-            axes.plot(part["us_per_sample"], part["max_rel_error"].clip(lower=FLOOR), **line)
-    mark = {key: style[key] for key in ("color", "marker", "markersize")} | {"linestyle": ""}
-    one = (rows["batch"] == 1).to_numpy()
+            axes.plot(x[part], y[part], **line)
+    mark: dict[str, Any] = {key: style[key] for key in ("color", "marker", "markersize")} | {"linestyle": ""}
+    one = rows["batch"] == 1
     axes.plot(x[one], y[one], **mark, markerfacecolor="white")
     axes.plot(x[~one], y[~one], **mark)
     axes.errorbar(
         x, y, xerr=[x - rows["us_p10"].clip(upper=x), rows["us_p90"].clip(lower=x) - x], fmt="none",
         ecolor=style["color"], elinewidth=0.7, alpha=0.6,
     )  # fmt: skip
-    axes.plot([], [], **style, label=label)
+    axes.plot([], [], **style, label=label, markerfacecolor="white" if one.all() else style["color"])
 
 
 def over_samples(scaling: pd.DataFrame) -> Figure:
-    """Time per sample and memory of a batch over its size, driving forces and all reactions."""
-    tasks = [task for task in list(PANELS)[:3] if (scaling["what"] == task).any()]
+    """Time per sample and memory of a batch over its size, each task and method that takes batches."""
+    which = methods(scaling)
+    sizes = scaling.groupby([scaling["what"], which])["batch"].transform("nunique")
+    rows, which = scaling[sizes > 1], which[sizes > 1]
+    tasks = [task for task in PANELS if (rows["what"] == task).any()]
     figure = Figure(figsize=(4.2 * max(len(tasks), 1), 7.6), layout="constrained")
-    rows = scaling[scaling["what"].isin(tasks)]
     if not tasks:
         return figure
-    style = styles(_methods(rows))
+    style = styles(which)
     panels = figure.subplots(2, len(tasks), sharex=True, sharey="row", squeeze=False)
-    for column, task in enumerate(tasks):
-        for method in dict.fromkeys(_methods(rows)):
-            part = _of(rows[rows["what"] == task], method)
+    labels = {}
+    for (top, bottom), task in zip(panels.T, tasks, strict=True):
+        for method in style:
+            part = rows[(rows["what"] == task) & (which == method)]
             if len(part):
                 part = part[part["setting"] == part["setting"].iloc[-1]].sort_values("batch")
-                label = " ".join(name for name in method if name)
-                panels[0, column].plot(part["batch"], part["us_per_sample"], **style[method], label=label)
-                panels[1, column].plot(part["batch"], part["peak_mb"], **style[method])
-        panels[0, column].set(xscale="log", yscale="log", title=PANELS[task])
-        panels[1, column].set(xscale="log", yscale="log", xlabel="samples at a time [1]")
+                label = f"{' '.join(name for name in method[:3] if name)}: {method[3]}"
+                (labels[label],) = top.plot(part["batch"], part["us_per_sample"], **style[method])
+                bottom.plot(part["batch"], part["peak_mb"], **style[method])
+        top.set(xscale="log", yscale="log", title=PANELS[task])
+        bottom.set(xscale="log", yscale="log", xlabel="samples at a time [1]")
     panels[0, 0].set_ylabel("time per sample [µs]")
     panels[1, 0].set_ylabel("memory of a batch [MB]")
-    labels = {label: handle for axes in panels[0] for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(labels.values(), labels, loc="outside lower center", ncols=3, fontsize=8.5, handlelength=3.2)
+    figure.legend(labels.values(), labels, loc="outside lower center", ncols=3, fontsize=8.5, handlelength=3.4)
     return figure
 
 
@@ -184,11 +212,11 @@ def over_legs(scaling: pd.DataFrame) -> Figure:
         return figure
     axes = figure.subplots()
     names = rows["what"].unique()
-    style = styles([(name,) for name in names])
+    style = styles(("analytic", name) for name in names)
     for name in names:
         part = rows[rows["what"] == name].sort_values("legs")
         label = f"{name.replace('_', ' ')}, {part['backend'].iloc[0]}, {part['batch'].iloc[0]} at a time"
-        axes.plot(part["legs"], part["us_per_sample"], **style[(name,)], label=label)
+        axes.plot(part["legs"], part["us_per_sample"], **style["analytic", name], label=label)
         first = part.iloc[0]
         axes.plot(
             part["legs"], first["us_per_sample"] * part["legs"] / first["legs"], color="0.6", linewidth=0.8,

@@ -41,11 +41,11 @@ class AnalyticSweep:
     def cases(self, scene: Scene, plan: Plan) -> Iterator[Case]:
         """The first problem on every back end; the second one in every form; steps in time."""
         case = partial(Case, engine="analytic", route="closed_form")
-        for task in ("driving_forces", "all_reactions"):
+        for task, setting in (("driving_forces", "(7), (8)"), ("all_reactions", "(7)-(29)")):
             for backend in BACKENDS:
                 for batch in plan.batches:
                     if backend != "float" or batch <= MOST_FLOATS:
-                        yield case(task, backend=backend, setting="(7)-(29)", batch=batch, exact=True)
+                        yield case(task, backend=backend, setting=setting, batch=batch, exact=True)
         for form in FORMS:
             yield case("forward_step", backend="float", setting=f"form {form}", knobs=(("form", form),), exact=True)
             for batch in plan.batches if form == FORMS[0] else (1000,):
@@ -63,7 +63,11 @@ class AnalyticSweep:
                 for how in _DAE:
                     setting = f"{how}, dt {1e-2 / steps:.3g} s"
                     yield case(
-                        "simulate", route="dae", backend="float", setting=setting, knobs=(("steps", steps), ("dae", how))
+                        "simulate",
+                        route="dae",
+                        backend="float",
+                        setting=setting,
+                        knobs=(("steps", steps), ("dae", how)),
                     )
         if scene.topology == "spatial":
             for legs in plan.some(NUMBERS):
@@ -101,20 +105,18 @@ def _forward(case: Case, inputs: Inputs) -> Ready:
     form = dict(case.knobs)["form"]
     index = parts(len(F), case.batch)
     if case.backend == "float":
-        numbers = [
-            (analytic.PlatformMotion(*(x[k].tolist() for x in motion)), F[k].tolist()) for k in range(len(F))
-        ]
+        numbers = [(analytic.PlatformMotion(*(x[k].tolist() for x in motion)), F[k].tolist()) for k in range(len(F))]
 
         def read(out: list[Any], _: np.ndarray) -> np.ndarray:
             return np.array([[*one.ddC_p, *one.dw_p] for one in out])
 
-        return Ready(numbers, lambda part: accelerations(P, *part, form), read, len(F))
+        return Ready(numbers, lambda part: accelerations(P, part[0], part[1], form), read, len(F))
     given = [(analytic.PlatformMotion(*(x[i] for x in motion)), F[i]) for i in index]
 
     def platform(out: list[Any], pick: np.ndarray) -> np.ndarray:
         return np.concatenate([np.hstack([a.ddC_p, a.dw_p]) for a in out])[pick]
 
-    return Ready(given, lambda part: analytic.forward_dynamics(P, *part, form), platform, sum(map(len, index)))
+    return Ready(given, lambda part: analytic.forward_dynamics(P, part[0], part[1], form), platform, sum(map(len, index)))
 
 
 def _simulate(case: Case, inputs: Inputs) -> Ready:

@@ -1,8 +1,12 @@
-"""Pinocchio over its proximal parameter and iterations; and the yardstick of all times, its `rnea` on the open tree."""
+"""Pinocchio over its proximal parameter and iterations, mu × n; and the yardstick of all times.
+
+The yardstick is `rnea` on the open tree.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from ...models.scene import Scene
 from ..engine import load_engine
@@ -26,7 +30,7 @@ class PinocchioSweep(KktSweep):
             return super().ready(case, inputs)
         import pinocchio as pin
 
-        engine = load_engine(self.engine)(inputs.scene, inputs.models)
+        engine: Any = load_engine(self.engine)(inputs.scene, inputs.models)
         rnea, model, data = pin.rnea, engine.model, engine.data
         states = list(zip(*engine.state(inputs.trajectory), strict=True))
         return Ready(states, lambda part: rnea(model, data, *part), lambda out, pick: None, len(states))
@@ -34,8 +38,6 @@ class PinocchioSweep(KktSweep):
 
 SWEEP = PinocchioSweep(
     "pinocchio",
-    solver=[
-        Knob(f"constraintDynamics, mu {mu:g}, {n} iterations", {"mu": mu, "iterations": n}) for mu, n in _PROXIMAL
-    ],
-    own={"RK4": [Knob("constraintDynamics, mu 1e-10, 5 iterations", {}, steps) for steps in (1, 2, 4)]},
+    solver=[Knob(f"constraintDynamics, mu {mu:g} × {n}", {"mu": mu, "iterations": n}) for mu, n in _PROXIMAL],
+    own={"RK4": [Knob("constraintDynamics, mu 1e-10 × 5", {}, steps) for steps in (1, 2, 4)]},
 )

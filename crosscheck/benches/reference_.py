@@ -17,7 +17,7 @@ class ReferenceSweep:
 
     def cases(self, scene: Scene, plan: Plan) -> Iterator[Case]:
         """One."""
-        yield Case("all_reactions", "reference", "certified", "balls", "128 bits and more, proven radius")
+        yield Case("all_reactions", "reference", "certified", "balls", "128 bits and more")
 
     def ready(self, case: Case, inputs: Inputs) -> Ready:
         """It reads the trajectory itself."""
