@@ -16,6 +16,8 @@ from .stepping import SteppingEngine, continuous
 from .sweep import Case, Inputs, Plan, Ready, parts
 
 HARD = "hard loops"
+MANY = 1000
+"""Samples at a time where a knob is swept."""
 
 
 class Knob(NamedTuple):
@@ -45,7 +47,7 @@ class KktSweep:
             for batch in plan.engine_batches:
                 yield Case(task, self.engine, "kkt", "", HARD, batch, exact=True)
         for knob in plan.some(self.solver):
-            for batch in plan.engine_batches if knob is self.solver[-1] else (plan.engine_batches[-1],):
+            for batch in plan.engine_batches if knob is self.solver[-1] else (min(MANY, plan.engine_batches[-1]),):
                 yield self._case("forward_step", self.native, knob.setting, knob, batch)
         for steps in plan.some((1, 2, 4)):
             yield Case("simulate", self.engine, "kkt", "", f"RK4, {_dt(steps)}", knobs=(("steps", steps),))

@@ -159,7 +159,7 @@ def _table(rows: pd.DataFrame, baseline: float, wide: bool) -> Table:
     left = LEFT if wide else LEFT[:2]
     right = [name for name in columns(str(rows["task"].iloc[0])) if name not in LEFT and (wide or name != SPREAD)]
     for name in left:
-        table.add_column(name, overflow="fold", no_wrap=wide or name == "engine")
+        table.add_column(name, overflow="fold", no_wrap=name == "engine" or (wide and name == "method"))
     for name in right:
         table.add_column(name, justify="right", no_wrap=True)
     before: tuple[str, str] = ("", "")

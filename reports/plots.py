@@ -156,10 +156,10 @@ def _yardstick(axes: Axes, baseline: float) -> None:
 
 
 def _curve(axes: Axes, rows: pd.DataFrame, style: Mapping[str, Any], label: str) -> None:
-    """Marks of a method; lines join the batches of a setting, and the settings of the largest batch."""
+    """Marks of a method; lines join the batches of a setting, and the settings of the batch that has most of them."""
     x, y = rows["us_per_sample"], rows["max_rel_error"].clip(lower=FLOOR)
     joined = [part.sort_values("batch").index for _, part in rows.groupby("setting", sort=False)]
-    joined.append(rows[rows["batch"] == rows["batch"].max()].index)
+    joined.append(rows[rows["batch"] == rows["batch"].mode().iloc[0]].index)
     line: dict[str, Any] = {key: style[key] for key in ("color", "linestyle", "linewidth")}
     for part in joined:
         if len(part) > 1:

@@ -325,6 +325,12 @@ UNUSABLE = {
     "run --engine": "Option '--engine' requires an argument",
     "audit hexapod": "Got unexpected extra argument",
     "audit --out file": "--out file: got a file, expected a folder that does not exist or is empty",
+    "bench nothing": "'nothing': got an unknown scene, expected one of ",
+    "bench --engine bullet": "--engine: got an unknown engine 'bullet', expected one of analytic, dart, mujoco, ",
+    "bench still.toml": "still.toml: motion: missing, expected a [motion] table or a trajectory file",
+    "bench five.toml": "five.toml: hull.pins: got 5 legs, expected 6: .* overdetermined",
+    "bench --out full": "--out full: got a folder that is not empty, expected one that does not exist or is empty",
+    "bench --samples 3": "No such option: --samples",
     "fly": "No such command 'fly'",
     "models": "Missing argument 'scene'",
     "models hexapod": "Missing option '--out'",
@@ -417,7 +423,7 @@ def test_engines_lists_every_engine_with_route_and_version(command: Command) -> 
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 
-@pytest.mark.parametrize("name", ["run", "simulate", "audit", "models", "scenes", "engines"])
+@pytest.mark.parametrize("name", ["run", "simulate", "bench", "audit", "models", "scenes", "engines"])
 def test_every_command_has_help_with_an_example(command: Command, name: str) -> None:
     status, out, err = command(name, "--help")
     assert (status, err) == (0, "")
@@ -430,7 +436,7 @@ def test_help_names_every_command(command: Command, args: tuple[str, ...]) -> No
     assert status == 0
     assert all(
         re.search(rf"^\W*{name} ", out, flags=re.M)
-        for name in ("run", "simulate", "audit", "models", "scenes", "engines")
+        for name in ("run", "simulate", "bench", "audit", "models", "scenes", "engines")
     )
 
 
@@ -438,6 +444,7 @@ def test_the_help_test_covers_every_command() -> None:
     assert {c.callback.__name__ for c in cli.app.registered_commands if c.callback} == {
         "run",
         "simulate",
+        "bench",
         "audit",
         "models",
         "scenes",

@@ -116,7 +116,9 @@ def _forward(case: Case, inputs: Inputs) -> Ready:
     def platform(out: list[Any], pick: np.ndarray) -> np.ndarray:
         return np.concatenate([np.hstack([a.ddC_p, a.dw_p]) for a in out])[pick]
 
-    return Ready(given, lambda part: analytic.forward_dynamics(P, part[0], part[1], form), platform, sum(map(len, index)))
+    return Ready(
+        given, lambda part: analytic.forward_dynamics(P, part[0], part[1], form), platform, sum(map(len, index))
+    )
 
 
 def _simulate(case: Case, inputs: Inputs) -> Ready:
