@@ -12,7 +12,8 @@ import pandas as pd
 
 from ..models import write_models
 from ..models.scene import Scene
-from .bench_table import SPLIT_COLUMNS, Timed, Truth, scaling, speed_error
+from .bench_split import split, split_cases, split_table
+from .bench_table import Timed, Truth, scaling, speed_error
 from .bench_work import First, again, first, threads
 from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure
 from .problem import pose
@@ -77,7 +78,7 @@ def measure(
             failed[case] = outcome
         else:
             ready[case] = outcome
-        done(f"made ready: {case}")
+        done(f"round 0 of {plan.rounds}, making ready: {case}")
     for turn in range(plan.rounds):
         for case, (facts, _) in ready.items():
             spent = seconds.setdefault(case, [])
@@ -88,16 +89,12 @@ def measure(
                 else:
                     spent.append(outcome)
             done(f"round {turn + 1} of {plan.rounds}: {case}")
-    return {
-        case: failed[case]
-        if case in failed
-        else Timed(
-            [s / (ready[case][0].number * ready[case][0].samples) for s in seconds[case]],
-            ready[case][1],
-            ready[case][0].peak,
-        )
-        for case in cases
+    timed = {
+        case: Timed([s / (facts.number * facts.samples) for s in seconds[case]], error, facts.peak)
+        for case, (facts, error) in ready.items()
+        if case not in failed
     }
+    return {case: failed[case] if case in failed else timed[case] for case in cases}
 
 
 def bench(
@@ -156,6 +153,7 @@ def bench(
         found = measure(
             cases, plan, start, lambda case, n: ask(case.engine, again, case, inputs, n), lambda line: done(line, total)
         )
+        watched = {case: ask(case.engine, split, case, inputs) for case in split_cases(cases, plan)}
         libraries = {name: ask(name, threads) for name in names}
     info = {
         **provenance(run_id, started, scene, chosen),
@@ -166,7 +164,7 @@ def bench(
         "without_sweep": [name for name in chosen if name not in sweep_names()],
         **verdict(found),
     }
-    report = BenchReport(speed_error(scene, found), scaling(scene, found), pd.DataFrame(columns=SPLIT_COLUMNS), info)
+    report = BenchReport(speed_error(scene, found), scaling(scene, found), split_table(watched), info)
     info["status"] = report.status
     return report
 

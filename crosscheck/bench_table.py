@@ -133,8 +133,6 @@ def speed_error(scene: Scene, found: Mapping[Case, Timed | Failure]) -> pd.DataF
     return table
 
 
-SPLIT_COLUMNS = ["engine", "task", "route", "setting", "us_per_sample", "engine_share", "call", "call_us"]
-
 SCALING_COLUMNS = [
     "what", "engine", "route", "backend", "setting", "batch", "legs", "us_per_sample", "us_p10", "us_p90", "peak_mb",
 ]  # fmt: skip

@@ -13,6 +13,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from .sweep import Case, Inputs, Ready, load_sweep, picked
 
+SLOW = 0.2
+"""Seconds of a first pass, imports and all, from which one pass is a timing."""
+
 
 @dataclass(frozen=True)
 class First:
@@ -31,39 +34,41 @@ class Warm:
     """Cases of this process that are ready, with their timers."""
 
     def __init__(self, timer: Callable[[], float] = perf_counter) -> None:
-        self._timer = timer
+        self.timer = timer
         self._held: dict[Case, tuple[Ready, timeit.Timer]] = {}
 
     def __call__(self, case: Case, inputs: Inputs) -> tuple[Ready, timeit.Timer]:
         """Ready, with a timer of one call of all its parts. Raises EngineError."""
         if case not in self._held:
             ready = load_sweep(case.engine).ready(case, inputs)
-            self._held[case] = ready, timeit.Timer(lambda: _pass(ready), timer=self._timer)
+            self._held[case] = ready, timeit.Timer(lambda: one_pass(ready), timer=self.timer)
         return self._held[case]
 
 
-_warm = Warm()
+WARM = Warm()
+"""Of an engine's process, from one task to the next."""
 
 
-def _pass(ready: Ready) -> None:
+def one_pass(ready: Ready) -> None:
+    """What a timing repeats."""
     call = ready.call
     for part in ready.parts:
         call(part)
 
 
-def first(case: Case, inputs: Inputs, least: float, warm: Warm = _warm) -> First:
+def first(case: Case, inputs: Inputs, least: float, warm: Warm = WARM) -> First:
     """Answer a case once, and find how many calls take `least` seconds. Raises EngineError."""
     one_thread()
     ready, timer = warm(case, inputs)
+    start = warm.timer()
     results = [ready.call(part) for part in ready.parts]
+    seconds, number = warm.timer() - start, 1
     answer = ready.read(results, picked(len(inputs.trajectory.t), case.batch))
     del results
-    number, peak = 1, 0
-    if case.task != "simulate":  # which takes so long that one call is a timing
-        peak = _peak(ready)
+    peak = _peak(ready) if case.task != "simulate" else 0
+    if seconds < SLOW:
         number, seconds = timer.autorange()
-        number = max(1, round(number * least / seconds))
-    return First(answer, number, ready.samples, peak)
+    return First(answer, max(1, round(number * least / seconds)), ready.samples, peak)
 
 
 def _peak(ready: Ready) -> int:
@@ -75,7 +80,7 @@ def _peak(ready: Ready) -> int:
     return peak
 
 
-def again(case: Case, inputs: Inputs, number: int, warm: Warm = _warm) -> float:
+def again(case: Case, inputs: Inputs, number: int, warm: Warm = WARM) -> float:
     """Seconds of so many passes. Raises EngineError."""
     one_thread()  # a process that was replaced starts with as many as there are cores
     _, timer = warm(case, inputs)

@@ -39,10 +39,15 @@ def bench(
     with Progress(
         TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=progress, transient=True
     ) as bar:
+        said = [""]
         visits = bar.add_task(f"{loaded.name}: starting", total=None)
 
         def done(line: str, total: int) -> None:
             bar.update(visits, advance=1, total=total, description=line)
+            stage = line.split(":")[0]
+            if not progress.is_terminal and stage != said[-1]:  # nobody sees a bar
+                plain(progress, stage)
+                said.append(stage)
 
         try:
             report = bench_scene(loaded, engine or (), QUICK if quick else FULL, done)

@@ -13,11 +13,9 @@ from .engine import EngineError, load_engine
 from .kkt import KktEngine, State
 from .problem import Staged
 from .stepping import SteppingEngine, continuous
-from .sweep import Case, Inputs, Plan, Ready, parts
+from .sweep import MANY, Case, Inputs, Plan, Ready, parts
 
 HARD = "hard loops"
-MANY = 1000
-"""Samples at a time where a knob is swept."""
 
 
 class Knob(NamedTuple):
@@ -87,21 +85,25 @@ def _samples(engine: SteppingEngine, case: Case, inputs: Inputs) -> Ready:
     moving = [(s, trajectory.undetermined[i]) for s, i in zip(states, index, strict=True)]
     if case.task == "driving_forces":
         return Ready(
-            moving, lambda part: engine.driving_forces(*part), lambda out, pick: np.concatenate(out)[pick], samples
+            moving,
+            lambda part: engine.driving_forces(*part),
+            lambda out, pick: np.concatenate(out)[pick],
+            samples,
+            engine,
         )
     if case.task == "all_reactions":
 
         def both(out: list[Any], pick: np.ndarray) -> Any:
             return tuple(np.concatenate(x)[pick] for x in zip(*out, strict=True))
 
-        return Ready(moving, lambda part: engine.all_reactions(*part), both, samples)
+        return Ready(moving, lambda part: engine.all_reactions(*part), both, samples, engine)
     solve = engine.accelerate if case.route == KktEngine.route else engine.solved
     given = [(s, inputs.F[i]) for s, i in zip(states, index, strict=True)]
 
     def platform(out: list[Any], pick: np.ndarray) -> np.ndarray:
         return engine.platform_acceleration(trajectory, np.concatenate(out)[pick])
 
-    return Ready(given, lambda part: solve(*part), platform, samples)
+    return Ready(given, lambda part: solve(*part), platform, samples, engine)
 
 
 def _steps(engine: SteppingEngine, case: Case, inputs: Inputs, steps: int) -> Ready:

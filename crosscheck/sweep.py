@@ -28,6 +28,9 @@ BASELINE, LEGS = "baseline", "legs"
 SAMPLES = 100
 """Samples of the scene's motion that every case takes; larger batches repeat them."""
 
+MANY = 1000
+"""Samples at a time where a knob is swept, and where an engine is watched."""
+
 
 class Case(NamedTuple):
     """One thing to time, a row of the table.
@@ -71,7 +74,7 @@ class Plan(NamedTuple):
         return values[:: self.every]
 
 
-FULL = Plan(tuple(10**k for k in range(7)), tuple(10**k for k in range(5)), 1, 9, 2.5, 0.05)
+FULL = Plan(tuple(10**k for k in range(7)), tuple(10**k for k in range(5)), 1, 7, 2.0, 0.05)
 QUICK = Plan((1, 100, 10_000), (1, 1000), 3, 5, 0.3, 0.02)
 
 
@@ -95,12 +98,14 @@ class Ready(NamedTuple):
     ``call(part)`` for all ``parts`` is what is timed, ``samples`` at a time.  ``read(results, pick)``: what it answers
     for the samples of the trajectory, which stand at ``pick`` among those of all parts: forces (nt, N); these and
     reactions (nt, nj, 6); accelerations (nt, 6) of the platform; its positions and quaternions in time.
+    ``engine``: to be watched.
     """
 
     parts: Sequence[Any]
     call: Callable[[Any], Any]
     read: Callable[[list[Any], np.ndarray], Any]
     samples: int = 1
+    engine: Any = None
 
 
 class Sweep(Protocol):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,8 +15,9 @@ import pandas as pd
 import pytest
 
 from stewart_crosscheck.crosscheck import bench as benching
-from stewart_crosscheck.crosscheck import bench_work, cli, cli_bench
+from stewart_crosscheck.crosscheck import bench_split, bench_work, cli, cli_bench
 from stewart_crosscheck.crosscheck.bench import bench, measure, plan_cases, verdict
+from stewart_crosscheck.crosscheck.bench_split import SPLIT_COLUMNS, split, split_cases, split_table
 from stewart_crosscheck.crosscheck.bench_table import Error, Timed, Truth, ratio_to_fastest, speed_error
 from stewart_crosscheck.crosscheck.bench_work import First, Warm, again, first
 from stewart_crosscheck.crosscheck.engine import (
@@ -131,6 +135,14 @@ def test_run_json_tells_yardstick_machine_versions_and_threads(done: Done) -> No
     assert info["plan"]["samples"] == TINY.samples
     assert set(info["threads"]) == {"analytic", "dart", "mujoco", "pinocchio", REFERENCE}
     assert {library["num_threads"] for libraries in info["threads"].values() for library in libraries} == {1}
+
+
+def test_the_split_has_every_engine_and_task(done: Done) -> None:
+    table = pd.read_csv(done.folder / "split.csv")
+    assert list(table.columns) == SPLIT_COLUMNS
+    assert len(table) == 3 * 4
+    assert (table[["us_per_sample", "engine_share", "call_us"]] > 0.0).all(axis=None)
+    assert {"mj_inverse", "rnea"} & set(table["call"])
 
 
 def test_the_scaling_table_has_batches_and_numbers_of_legs(done: Done) -> None:
@@ -312,6 +324,18 @@ def test_every_built_in_scene_is_measured_exactly(name: str, engine_name: str) -
             assert error.share <= 1.0, c
 
 
+@pytest.mark.parametrize("backend", ["long double", "balls"])
+def test_the_formulas_beyond_float64_are_off_by_the_rounding_of_truth_alone(
+    backend: str, inputs: Inputs, judge: Truth
+) -> None:
+    """So the text itself holds, and what float64 is off by is rounding."""
+    c = next(c for c in load_sweep("analytic").cases(inputs.scene, TINY) if c.backend == backend)
+    ready = load_sweep("analytic").ready(c, inputs)
+    error = judge.error(c, ready.read([ready.call(part) for part in ready.parts], picked(21, 1)))
+    assert error is not None
+    assert error.relative < 2e-16
+
+
 def test_a_softer_knob_is_less_accurate(inputs: Inputs, judge: Truth) -> None:
     errors = {}
     for c in load_sweep("mujoco").cases(inputs.scene, FULL):
@@ -424,6 +448,39 @@ def test_memory_of_a_batch_is_what_the_call_takes(inputs: Inputs, monkeypatch: p
 
     monkeypatch.setattr(bench_work, "load_sweep", lambda name: Sweep())
     assert first(CASES[0], inputs, 1e-6, Warm()).peak == pytest.approx(8e6, rel=0.01)
+
+
+def test_an_engine_is_watched_where_it_takes_many_samples(hexapod: Scene) -> None:
+    watched = split_cases(plan_cases(hexapod, engine_names(), QUICK), QUICK)
+    assert {case.batch for case in watched} == {1000}
+    rows = [(case.engine, case.task, case.route) for case in watched if case.engine not in ("analytic", REFERENCE)]
+    kkt = [(name, task, "kkt") for name in ("dart", "mujoco", "pinocchio") for task in TASKS[:3]]
+    native = [(name, "forward_step", "native") for name in ("dart", "mujoco", "pinocchio")]
+    assert sorted(rows) == sorted(kkt + native)
+
+
+def test_the_split_is_the_engines_share_and_its_costliest_call(inputs: Inputs, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextlib.contextmanager
+    def watching(engine: object) -> Iterator[dict[str, float]]:
+        spent: dict[str, float] = {}
+        yield spent
+        spent |= {"short": 3 * 2e-3, "long": 3 * 6e-3}
+
+    class Sweep:
+        def ready(self, c: Case, given: Inputs) -> Ready:
+            engine = None if c.engine == "a" else object()
+            return Ready([0, 1], lambda part: time.sleep(0.01), lambda out, pick: None, 4, engine)
+
+    monkeypatch.setattr(bench_split, "watching", watching)
+    monkeypatch.setattr(bench_work, "load_sweep", lambda name: Sweep())
+    warm = Warm()
+    found = {c: split(c, inputs, warm) for c in CASES[:2]}
+    assert found[CASES[0]] is None
+    (row,) = split_table(found | {CASES[2]: Failure("broken")}).itertuples()
+    assert (row.engine, row.task, row.route, row.call) == ("b", "driving_forces", "kkt", "long")
+    assert row.call_us == pytest.approx(1500.0)
+    assert row.us_per_sample >= 5000.0
+    assert row.engine_share == pytest.approx(2000.0 / row.us_per_sample)
 
 
 # --- The ratio --------------------------------------------------------------------------------------------------------

@@ -149,6 +149,16 @@ def test_fixed_steps_are_of_order_4(hexapod: Scene) -> None:
         assert order == pytest.approx(4.0, abs=0.2)  # measured 3.97 and 3.99: the next term of the error
 
 
+def test_the_tolerance_of_adaptive_steps_is_obeyed(hexapod: Scene) -> None:
+    """An error is some tens of the tolerance per step; it grows a hundred times in a second, less in a half."""
+    t = np.linspace(0.0, 0.5, 6)
+    for rtol in (1e-4, 1e-7, 1e-10):
+        error = away(hexapod, simulate(parameters(hexapod), start(hexapod), driving(hexapod), t, rtol=rtol)).max()
+        assert 1e-3 * rtol < error < 1e2 * rtol
+    with pytest.raises(ValueError, match="rtol: got 1e-16, expected at least 1e-13 and less than 1"):
+        simulate(parameters(hexapod), start(hexapod), driving(hexapod), t, rtol=1e-16)
+
+
 def test_intervals_of_n_steps_take_n_steps(hexapod: Scene) -> None:
     t = 0.1 * np.arange(4)  # 0, 0.1, 0.2, 0.30000000000000004: one interval is longer than 0.1
     s = simulate(parameters(hexapod), start(hexapod), driving(hexapod), t, 0.1)

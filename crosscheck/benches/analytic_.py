@@ -12,12 +12,15 @@ from scipy.interpolate import make_interp_spline
 
 from ... import analytic
 from ...analytic.forward import accelerations
+from ...analytic.orientation import rotation
+from ...analytic.solve import solve_numbers
+from ...analytic.stewart import first_problem
 from ...models.scene import Scene
 from ..engine import by_joint
 from ..problem import Problem, Staged
 from ..sweep import LEGS, Case, Inputs, Plan, Ready, parts
 
-NUMBERS = (6, 8, 12, 24, 48)
+MACHINES = (6, 8, 12, 24, 48)
 """Legs of the machines that show how the work grows with them."""
 
 MOST_FLOATS = 1000
@@ -46,6 +49,9 @@ class AnalyticSweep:
                 for batch in plan.batches:
                     if backend != "float" or batch <= MOST_FLOATS:
                         yield case(task, backend=backend, setting=setting, batch=batch, exact=True)
+        if scene.topology == "spatial":
+            for number in NUMBERS:
+                yield case("all_reactions", backend=number, setting="(7)-(29)", exact=True)
         for form in FORMS:
             yield case("forward_step", backend="float", setting=f"form {form}", knobs=(("form", form),), exact=True)
             for batch in plan.batches if form == FORMS[0] else (1000,):
@@ -70,7 +76,7 @@ class AnalyticSweep:
                         knobs=(("steps", steps), ("dae", how)),
                     )
         if scene.topology == "spatial":
-            for legs in plan.some(NUMBERS):
+            for legs in plan.some(MACHINES):
                 for what in ("forward_dynamics", "inverse_kinematics"):
                     yield case(LEGS, backend="numpy", setting=what, batch=1000, knobs=(("legs", legs),))
 
@@ -82,6 +88,8 @@ class AnalyticSweep:
             return _simulate(case, inputs)
         if case.task == "forward_step":
             return _forward(case, inputs)
+        if case.backend in NUMBERS:
+            return _precise(case, inputs)
         P, motion = inputs.scene.parameters, inputs.trajectory.motion
         index = parts(len(motion.C_p), case.batch)
         motions = [analytic.PlatformMotion(*(np.ascontiguousarray(x[i]) for x in motion)) for i in index]
@@ -91,11 +99,49 @@ class AnalyticSweep:
             return Ready(motions, call, lambda out, pick: np.concatenate(out)[pick], samples)
 
         def both(out: list[Any], pick: np.ndarray) -> Any:
-            names = [*dict.fromkeys(n for j in inputs.scene.joints for n in (j.force, j.moment) if n), "F"]
-            found = {n: np.concatenate([getattr(D, n) for D in out])[pick] for n in names}
+            found = {n: np.concatenate([getattr(D, n) for D in out])[pick] for n in inputs.scene.quantities}
             return found["F"], by_joint(inputs.scene, found)
 
         return Ready(motions, partial(analytic.inverse_dynamics, P), both, samples)
+
+
+def _precise(case: Case, inputs: Inputs) -> Ready:
+    """The same text on other numbers, one sample at a time; the pose is given in them too."""
+    scene, trajectory = inputs.scene, inputs.trajectory
+    P, motion = scene.parameters, trajectory.motion
+    assert isinstance(P, analytic.Parameters)
+    number, sqrt = NUMBERS[case.backend]()
+    samples = []
+    for k, q in enumerate(trajectory.quaternion):
+        vectors = {n: tuple(map(number, getattr(motion, n)[k].tolist())) for n in motion._fields if n != "R"}
+        samples.append(analytic.PlatformMotion(R=rotation([number(x) for x in q.tolist()]), **vectors))
+
+    def both(out: list[Any], _: np.ndarray) -> Any:
+        found: dict[str, list[Any]] = {name: [] for name in scene.quantities}
+        for one in out:
+            found["F"].append(one.F)
+            for kind in (one.forces, one.moments):
+                for name in found.keys() & set(kind[0]._fields):
+                    found[name].append([getattr(leg, name) for leg in kind])
+        values = {name: np.array(np.array(x, dtype=object), dtype=float) for name, x in found.items()}
+        return values["F"], by_joint(scene, values)
+
+    return Ready(samples, lambda m: first_problem(P, m, sqrt, solve_numbers), both, len(samples))
+
+
+def _long_doubles() -> tuple[Any, Any]:
+    return np.longdouble, np.sqrt
+
+
+def _balls() -> tuple[Any, Any]:
+    from flint import arb, ctx  # its package may be missing
+
+    ctx.prec = 128
+    return arb, arb.sqrt
+
+
+NUMBERS = {"long double": _long_doubles, "balls": _balls}
+"""Numbers beyond float64: 64 bits of 80, and intervals of 128 bits around a midpoint."""
 
 
 def _forward(case: Case, inputs: Inputs) -> Ready:
