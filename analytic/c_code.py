@@ -27,7 +27,7 @@ _FRAME = """\
 #ifdef __SSE2__
 #include <emmintrin.h>
 #endif
-enum {{ TILE = {tile}, INPUTS = {inputs}, RESULTS = {results} }};
+enum {{ TILE = {tile}, INPUTS = {inputs}, WIDEST = {widest}, RESULTS = {results} }};
 static const long row[RESULTS] = {{ {rows} }};
 
 static void tile(const double *restrict x, double *restrict y, double *restrict regularity, const double *restrict p)
@@ -47,26 +47,16 @@ static void tile(const double *restrict x, double *restrict y, double *restrict 
         nothing[i] += 0.0 * a[i * WIDTH + j]; \
       }} \
   }}
-TAKE(3)
-TAKE(9)
+{takes}
 
-static void take(const double *const motion[6], long k, long n, double *x, double *nothing)
+/* The same for n samples of an input from sample k on, the last one again to the end of the tile. */
+static const double *from(const double *a, int width, long k, long n, double *padded)
 {{
-  double last[9 * TILE];
-  for (int a = 0; a < 6; a++) {{
-    const int width = a == 1 ? 9 : 3;
-    const double *from = motion[a] + k * width;
-    if (n < TILE) {{ /* the last sample again, to the end of the tile */
-      for (int i = 0; i < TILE; i++)
-        memcpy(last + i * width, from + (i < n ? i : n - 1) * width, width * sizeof(double));
-      from = last;
-    }}
-    if (a == 1)
-      take_9(from, x, nothing);
-    else
-      take_3(from, x, nothing);
-    x += width * TILE;
-  }}
+  if (n >= TILE)
+    return a + k * width;
+  for (int i = 0; i < TILE; i++)
+    memcpy(padded + i * width, a + (k + (i < n ? i : n - 1)) * width, width * sizeof(double));
+  return padded;
 }}
 
 static void give(const double *from, double *to, long n, int stream)
@@ -83,15 +73,15 @@ static void give(const double *from, double *to, long n, int stream)
 }}
 
 /* Results of n samples, row by row, so many numbers from row to row; whether all are as regular as asked. */
-int block(long n, const double *const motion[6], double *out, long line, const double *p, double regular)
+int block(long n, const double *const *given, double *out, long line, const double *p, double regular)
 {{
-  _Alignas(64) double x[INPUTS * TILE], y[RESULTS * TILE], regularity[TILE], nothing[TILE];
+  _Alignas(64) double x[INPUTS * TILE], y[RESULTS * TILE], regularity[TILE], nothing[TILE], padded[WIDEST * TILE];
   const int large = n * RESULTS > 1 << 17 && line % 2 == 0 && (size_t) out % 16 == 0;
   int sure = 1;
   for (long k = 0; k < n; k += TILE) {{
     const long m = n - k < TILE ? n - k : TILE;
     memset(nothing, 0, sizeof nothing);
-    take(motion, k, m, x, nothing);
+{taken}
     tile(x, y, regularity, p);
     for (int r = 0; r < RESULTS; r++)
       give(y + r * TILE, out + row[r] * line + k, m, large && m == TILE);
@@ -104,8 +94,8 @@ int block(long n, const double *const motion[6], double *out, long line, const d
   return sure;
 }}
 
-/* One sample: 24 numbers in, the results in their order; returns the regularity, or not a number if one
-   of the 24 is none. */
+/* One sample: inputs one after another, results in their order; returns the regularity, or not a number if an input
+   is none. */
 double one(const double *restrict x, double *restrict y, const double *restrict p)
 {{
   double nothing = 0.0;
@@ -134,7 +124,7 @@ def _body(program: Program, load: Callable[[int], str], store: Callable[[int, st
     return "\n".join(lines)
 
 
-def c_code(program: Program, rows: Sequence[int], inputs: int) -> str:
+def c_code(program: Program, rows: Sequence[int], widths: Sequence[int]) -> str:
     """Source of ``block`` and ``one`` for a program whose results are those of ``rows`` and, last, the regularity."""
     last = len(rows)
 
@@ -146,7 +136,13 @@ def c_code(program: Program, rows: Sequence[int], inputs: int) -> str:
 
     return _FRAME.format(
         tile=TILE,
-        inputs=inputs,
+        inputs=sum(widths),
+        widest=max(widths),
+        takes="\n".join(f"TAKE({width})" for width in sorted(set(widths))),
+        taken="\n".join(
+            f"    take_{width}(from(given[{n}], {width}, k, m, padded), x + {sum(widths[:n])} * TILE, nothing);"
+            for n, width in enumerate(widths)
+        ),
         results=last,
         rows=", ".join(map(str, rows)),
         tile_body=_body(program, lambda k: f"x[{k} * TILE + i]", of_tile),

@@ -17,15 +17,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from platformdirs import user_cache_path
 
 from .c_code import c_code
-from .evaluate import REGULAR, Mechanism, rows, slots
-from .stewart import PlatformMotion
-from .traced import INPUTS, traced
+from .evaluate import REGULAR, Mechanism, Problem
+from .traced import traced
 
 FLAGS = ("-std=c11", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 """No option changes the value of an operation but for fused ones, which round once less."""
@@ -107,32 +107,32 @@ def _compile(command: list[str], source: str, kept: Path) -> None:
 
 
 class Compiled:
-    """A machine's inverse dynamics in machine code. Raises NoCompiler.
+    """A problem of a machine in machine code. Raises NoCompiler.
 
-    Also for one sample at a time without overhead, as a control loop needs it: see `Loop`.
+    ``one(x, y, parameters)`` takes pointers and answers a single sample without overhead, see `ControlLoop`.
     """
 
     size = 1 << 14
 
-    def __init__(self, P: Mechanism, every: bool) -> None:
-        self.P, self.every = P, every
-        self.rows = rows(slots(P, every), len(P.p))
-        written = traced(P, every)
-        code = library(c_code(written, self.rows, INPUTS))
+    def __init__(self, P: Mechanism, problem: Problem) -> None:
+        written = traced(P, problem)
+        self.rows = problem.rows(P)
+        code = library(c_code(written, self.rows, problem.widths(P)))
         self.parameters = np.array([*written.parameters, 0.0])
-        self._block, self.one = code.block, code.one
+        self._block = code.block
         self._block.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 2, ctypes.c_long, ctypes.c_void_p, ctypes.c_double]
+        self.one = ctypes.PyDLL(code._name, handle=code._handle).one  # shorter than letting other threads run
         self.one.restype = ctypes.c_double
 
-    def fill(self, motion: PlatformMotion, numbers: np.ndarray) -> bool:
+    def fill(self, inputs: Sequence[np.ndarray], numbers: np.ndarray) -> bool:
         """All samples at once."""
         n = numbers.shape[1]
         if numbers.strides[1] != numbers.itemsize:
             out = np.empty((len(numbers), n))
-            sure = self.fill(motion, out)
+            sure = self.fill(inputs, out)
             numbers[self.rows] = out[self.rows]
             return sure
-        arrays = [np.ascontiguousarray(a) for a in motion]
-        pointers = (ctypes.c_void_p * 6)(*(a.ctypes.data for a in arrays))
+        arrays = [np.ascontiguousarray(a) for a in inputs]
+        pointers = (ctypes.c_void_p * len(arrays))(*(a.ctypes.data for a in arrays))
         line = numbers.strides[0] // numbers.itemsize
         return bool(self._block(n, pointers, numbers.ctypes.data, line, self.parameters.ctypes.data, REGULAR))

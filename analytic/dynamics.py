@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from . import planar, stewart
-from .backends import back_end
-from .evaluate import Mechanism, numbers, rows, slots
-from .samples import InverseDynamics, LegCoordinates, blocks, checked, part, parts
+from .backends import answer
+from .evaluate import DRIVING_FORCES, INVERSE_DYNAMICS, Mechanism, Problem, numbers
+from .samples import InverseDynamics, LegCoordinates, blocks, checked, part
 from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_determined, solve_samples
 from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
 
@@ -55,7 +55,7 @@ def inverse_kinematics(P: Mechanism, motion: PlatformMotion) -> LegCoordinates:
 
 
 def _careful(
-    P: Mechanism, motion: PlatformMotion, out: np.ndarray, undetermined: np.ndarray, every: bool, first: int
+    P: Mechanism, problem: Problem, motion: PlatformMotion, out: np.ndarray, undetermined: np.ndarray, first: int
 ) -> None:
     """As a back end, with the condition of every sample: finds the answer, or the error that there is none."""
     lever = longest_lever(P.p)
@@ -72,24 +72,25 @@ def _careful(
             if isinstance(P, Parameters) and P.leg.spins:
                 legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
                 _refuse_vertical(legs, start, "a vertical leg with base or spin inertia")
-            found, _ = numbers(P, m, np.sqrt, solve, every)
-        for row, x in zip(rows(slots(P, every), len(P.p)), found, strict=True):
+            found, _ = numbers(P, m, np.sqrt, solve, every=problem is INVERSE_DYNAMICS)
+        for row, x in zip(problem.rows(P), found, strict=True):
             out[row, block] = x
 
 
 def _evaluate(
-    P: Mechanism, motion: PlatformMotion, backend: str | None, out: np.ndarray, undetermined: np.ndarray, every: bool
+    P: Mechanism,
+    problem: Problem,
+    motion: PlatformMotion,
+    backend: str | None,
+    out: np.ndarray,
+    undetermined: np.ndarray,
 ) -> None:
     """Fill ``out`` (rows, nt) and ``undetermined`` (nt,)."""
-    nt = len(motion.C_p)
+    undetermined[:] = False
     if len(P.p) != P.equations:
-        _careful(P, motion, out, undetermined, every, 0)  # says what is determined
-    made = back_end(backend or ("float" if nt == 1 else "numpy"), P, every)
-    for block in parts(nt, made.size):
-        some = part(motion, block)
-        undetermined[block] = False
-        if not made.fill(some, out[:, block]):
-            _careful(P, some, out[:, block], undetermined[block], every, block.start)
+        _careful(P, problem, motion, out, undetermined, 0)  # says what is determined
+    for block in answer(P, problem, motion, backend, out):
+        _careful(P, problem, part(motion, block), out[:, block], undetermined[block], block.start)
 
 
 def inverse_dynamics(
@@ -126,7 +127,7 @@ def inverse_dynamics(
         out = InverseDynamics.zeros(nt, N)
     elif out.F.shape != (nt, N):
         raise ValueError(f"out: got arrays of shape {out.F.shape}, expected {(nt, N)}")
-    _evaluate(P, motion, backend, out.numbers, out.undetermined, every=True)
+    _evaluate(P, INVERSE_DYNAMICS, motion, backend, out.numbers, out.undetermined)
     return out
 
 
@@ -143,7 +144,7 @@ def driving_forces(
         out = np.empty((N, nt)).T
     elif out.shape != (nt, N) or out.dtype != float:
         raise ValueError(f"out: got {out.dtype} of shape {out.shape}, expected float64 of shape {(nt, N)}")
-    _evaluate(P, motion, backend, out.T, np.empty(nt, dtype=bool), every=False)
+    _evaluate(P, DRIVING_FORCES, motion, backend, out.T, np.empty(nt, dtype=bool))
     return out
 
 

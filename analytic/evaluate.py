@@ -1,68 +1,73 @@
-"""Inverse dynamics as a list of numbers of any kind, which every back end fills its arrays with."""
+"""The problems of dynamics as lists of numbers of any kind: what every back end is given, and what it fills.
+
+A problem is evaluated on numbers of one kind - floats, arrays, balls, traced ones - in the order of its inputs, and
+answers with its results and a regularity.  Where that is below `REGULAR`, results are not to be used.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from . import stewart
-from .solve import LIMIT, Ordered, eliminate, longest_lever
-from .stewart import Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
+from .solve import LIMIT, Ordered, eliminate, eliminate_symmetric, longest_lever
+from .stewart import ZERO, Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
 
 Mechanism = Parameters | PlanarParameters
 
 VECTORS = ("F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o")
 
-REGULAR = 100.0 / LIMIT
-"""Least regularity that needs no closer look.
-
-A matrix A of n rows has a condition of at most 2/|det A| (|A|_F / sqrt n)^n (Guggenheimer, Edelman, Johnson 1995).
-With moments over a power of two within sqrt 2 of the longest lever |A|_F^2 is at most 3 n, so that with moments over
-the lever itself the condition is at most 2 sqrt 2 3^3/|det A|, below `LIMIT` here; and |det A| is at most 3^3, so that
-the least of the sines, which are factors of the regularity too, is above 1/`LIMIT`.
-"""
+REGULAR = 1.0
+"""Least regularity of numbers that need no closer look."""
 
 
-class Slot(NamedTuple):
-    """Where a number belongs: array of `InverseDynamics`, leg from 0, component, or None in an array of scalars."""
+class Problem(NamedTuple):
+    """What is asked of a machine.
+
+    ``widths``: numbers in each of the inputs; ``rows``: where each result belongs among the rows of the answer;
+    ``evaluate(P, inputs, sqrt, ordered)``: results and regularity.
+    """
 
     name: str
-    leg: int
-    component: int | None = None
+    widths: Callable[[Mechanism], tuple[int, ...]]
+    rows: Callable[[Mechanism], list[int]]
+    evaluate: Callable[[Mechanism, Sequence[Scalar], Sqrt, Ordered], tuple[list[Scalar], Scalar]]
 
 
-def slots(P: Mechanism, every: bool) -> list[Slot]:
-    """What `numbers` gives, in its order: driving forces, or all; what always vanishes in a plane is left out."""
-    legs = range(len(P.p))
-    found = [Slot("F", i) for i in legs]
-    if not every:
-        return found
-    planar = isinstance(P, PlanarParameters)
-    for name in VECTORS:
-        axes = (range(2) if name[0] == "F" else (2,) if name == "M_s" else ()) if planar else range(3)
-        found += [Slot(name, i, axis) for i in legs for axis in axes]
-    return [*found, *(Slot(name, i) for name in ("L", "dL") for i in legs)]
+# --- The first problem ------------------------------------------------------------------------------------------------
 
 
-def rows(slots: Sequence[Slot], N: int) -> list[int]:
-    """Row of each slot in `InverseDynamics.numbers`."""
-    scalars = {"F": 0, "L": N * (1 + 3 * len(VECTORS)), "dL": N * (2 + 3 * len(VECTORS))}
-    return [
-        scalars[name] + leg if component is None else N + 3 * (VECTORS.index(name) * N + leg) + component
-        for name, leg, component in slots
-    ]
+def motion_of(x: Sequence[Scalar]) -> PlatformMotion:
+    """C_p, R by rows, dC_p, w_p, ddC_p, dw_p from 24 numbers."""
+    C_p, *R, dC_p, w_p, ddC_p, dw_p = ((x[k], x[k + 1], x[k + 2]) for k in range(0, 24, 3))
+    return PlatformMotion(C_p, tuple(R), dC_p, w_p, ddC_p, dw_p)
 
 
-def lever_unit(P: Mechanism) -> float:
-    """The power of two nearest to the longest lever [m]: dividing moments by it rounds nothing."""
-    return 2.0 ** round(math.log2(longest_lever(P.p)))
+def _widths_of_motion(P: Mechanism) -> tuple[int, ...]:
+    return 3, 9, 3, 3, 3, 3
+
+
+def _rows_of_forces(P: Mechanism) -> list[int]:
+    return list(range(len(P.p)))
+
+
+def _rows_of_all(P: Mechanism) -> list[int]:
+    """Rows of `InverseDynamics.numbers`; what always vanishes in a plane is left out."""
+    N = len(P.p)
+    rows = _rows_of_forces(P)
+    for k, name in enumerate(VECTORS):
+        axes: Sequence[int] = range(3)
+        if isinstance(P, PlanarParameters):
+            axes = range(2) if name[0] == "F" else (2,) if name == "M_s" else ()
+        rows += [N + 3 * (k * N + leg) + axis for leg in range(N) for axis in axes]
+    return [*rows, *range(N * (1 + 3 * len(VECTORS)), N * (3 + 3 * len(VECTORS)))]
 
 
 def numbers(
     P: Mechanism, motion: PlatformMotion, sqrt: Sqrt, solve: Solve, every: bool
 ) -> tuple[list[Scalar], Sequence[Any]]:
-    """Numbers of `slots` in their order, and the legs' states.
+    """Driving forces, or all that `InverseDynamics` holds, in the order of its rows; and the legs' states.
 
     Raises
     ------
@@ -87,28 +92,90 @@ def _flat(F: Sequence[Scalar], vectors: Sequence[Any], more: Sequence[Scalar], l
     return [*F, *(x for v in vectors for x in v), *more, *(k.L for k in legs), *(k.dq_s for k in legs)]
 
 
-def regular_numbers(
-    P: Mechanism, motion: PlatformMotion, sqrt: Sqrt, ordered: Ordered, unit: float, every: bool
-) -> tuple[list[Scalar], Scalar]:
-    """As `numbers`, and a regularity: answers below `REGULAR` are not to be used.
+WELL_POSED = 100.0 / LIMIT
+"""Least determinant of (7), (8), times the sines of legs that spin, that needs no closer look.
 
-    ``unit``: `lever_unit` of the machine, which moments are divided by.
-    """
-    determinants: list[Scalar] = []
+A matrix A of n rows has a condition of at most 2/|det A| (|A|_F / sqrt n)^n (Guggenheimer, Edelman, Johnson 1995).
+With moments over a power of two within sqrt 2 of the longest lever |A|_F^2 is at most 3 n, so that with moments over
+the lever itself the condition is at most 2 sqrt 2 3^3/|det A|, below `LIMIT` here; and |det A| is at most 3^3, so that
+the least of the sines is above 1/`LIMIT` too.
+"""
+
+
+def lever_unit(P: Mechanism) -> float:
+    """The power of two nearest to the longest lever [m]: dividing moments by it rounds nothing."""
+    return 2.0 ** round(math.log2(longest_lever(P.p)))
+
+
+def _first_problem(every: bool) -> Callable[..., tuple[list[Scalar], Scalar]]:
+    def evaluate(P: Mechanism, x: Sequence[Scalar], sqrt: Sqrt, ordered: Ordered) -> tuple[list[Scalar], Scalar]:
+        determinants: list[Scalar] = []
+        scale = 1.0 / lever_unit(P)
+
+        def solve(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
+            forces = 2 if isinstance(P, PlanarParameters) else 3
+            if scale != 1.0:
+                rows = [*rows[:forces], *([scale * a for a in row] for row in rows[forces:])]
+                right = [*right[:forces], *(scale * b for b in right[forces:])]
+            X, determinant = eliminate(rows, right, ordered)
+            determinants.append(determinant)
+            return X
+
+        out, legs = numbers(P, motion_of(x), sqrt, solve, every)
+        regularity = abs(determinants[0]) * (REGULAR / WELL_POSED)
+        if isinstance(P, Parameters) and P.leg.spins:
+            for k in legs:
+                regularity = regularity * k.s
+        return out, regularity
+
+    return evaluate
+
+
+DRIVING_FORCES = Problem("driving_forces", _widths_of_motion, _rows_of_forces, _first_problem(every=False))
+INVERSE_DYNAMICS = Problem("inverse_dynamics", _widths_of_motion, _rows_of_all, _first_problem(every=True))
+
+
+# --- The second problem -----------------------------------------------------------------------------------------------
+
+MOST_SPREAD = 1e-3
+"""Least determinant of the 6 x 6 of the second problem over the product of its diagonal.
+
+Scaled to a diagonal of ones its eigenvalues have the mean 1 and the product of the determinant, so that the condition
+is at most n e over it: 2e4, which leaves twelve digits.
+"""
+
+STEEP = 0.05
+"""Least sin q_n of a leg that spins: the 6 x 6 loses as much as 1/s^2, the form with compliances 1/s."""
+
+
+def _widths_of_state(P: Mechanism) -> tuple[int, ...]:
+    return 3, 9, 3, 3, len(P.p)
+
+
+def _rows_of_accelerations(P: Mechanism) -> list[int]:
+    if isinstance(P, PlanarParameters):
+        return [0, 1, 5][: P.equations]
+    return list(range(6))
+
+
+def _second_problem(P: Mechanism, x: Sequence[Scalar], sqrt: Sqrt, ordered: Ordered) -> tuple[list[Scalar], Scalar]:
+    pose, F = motion_of([*x[:18], *ZERO, *ZERO]), x[18:]
+    spread: list[Scalar] = []
 
     def solve(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
-        forces = 2 if isinstance(P, PlanarParameters) else 3
-        scale = 1.0 / unit
-        if scale != 1.0:
-            rows = [*rows[:forces], *([scale * x for x in row] for row in rows[forces:])]
-            right = [*right[:forces], *(scale * b for b in right[forces:])]
-        X, determinant = eliminate(rows, right, ordered)
-        determinants.append(determinant)
-        return X
+        a, share = eliminate_symmetric(rows, right)
+        spread.append(share)
+        return a
 
-    out, legs = numbers(P, motion, sqrt, solve, every)
-    regularity = abs(determinants[0])
+    if isinstance(P, PlanarParameters):
+        one = stewart.planar_second_problem(P, pose, F, sqrt, solve, stewart.planar_reduced_equations)
+    else:
+        one = stewart.second_problem(P, pose, F, sqrt, solve, stewart.reduced_equations)
+    regularity = spread[0] * (REGULAR / MOST_SPREAD)
     if isinstance(P, Parameters) and P.leg.spins:
-        for k in legs:
-            regularity = regularity * k.s
-    return out, regularity
+        for k in one.legs:
+            _, (regularity,) = ordered(0, [regularity], [k.s * (REGULAR / STEEP)])
+    return list(one.unknowns), regularity
+
+
+FORWARD_DYNAMICS = Problem("forward_dynamics", _widths_of_state, _rows_of_accelerations, _second_problem)

@@ -8,9 +8,8 @@ import numpy as np
 
 from .compiled import Compiled
 from .dynamics import driving_forces
-from .evaluate import REGULAR, Mechanism
+from .evaluate import DRIVING_FORCES, REGULAR, Mechanism
 from .stewart import PlatformMotion
-from .traced import INPUTS
 
 
 class ControlLoop:
@@ -28,8 +27,8 @@ class ControlLoop:
     """
 
     def __init__(self, P: Mechanism) -> None:
-        self._P, self._code = P, Compiled(P, every=False)
-        self.motion, self.F = np.zeros(INPUTS), np.zeros(len(P.p))
+        self._P, self._code = P, Compiled(P, DRIVING_FORCES)
+        self.motion, self.F = np.zeros(24), np.zeros(len(P.p))
         self._one = self._code.one
         self._pointers = [ctypes.c_void_p(a.ctypes.data) for a in (self.motion, self.F, self._code.parameters)]
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .evaluate import Mechanism, lever_unit, regular_numbers
-from .samples import checked, components
+from .evaluate import DRIVING_FORCES, Mechanism
+from .samples import checked
 from .solve import Ordered, ordered_arrays, ordered_numbers
 from .stewart import PlatformMotion, Scalar, Sqrt
 
@@ -52,14 +52,9 @@ def precise_driving_forces(P: Mechanism, motion: PlatformMotion, kind: str) -> n
     Returns (nt, N) of that kind, in N, + extends the leg; balls as an array of objects.
     """
     made, sqrt, ordered, single = KINDS[kind]
-    Q, unit = _of_kind(made, P), lever_unit(P)
-    columns = components(checked(motion))
+    Q = _of_kind(made, P)
+    columns = np.hstack([np.reshape(a, (len(a), -1)) for a in checked(motion)])
     if not single:
-        F, _ = regular_numbers(Q, _of_kind(made, columns), sqrt, ordered, unit, every=False)
-        return np.array(F).T
-    nt = len(motion.C_p)
-    found = []
-    for k in range(nt):
-        one = _of_kind(lambda a, k=k: made(float(a[k])), columns)
-        found.append(regular_numbers(Q, one, sqrt, ordered, unit, every=False)[0])
-    return np.array(found, dtype=object)
+        return np.array(DRIVING_FORCES.evaluate(Q, list(made(columns.T)), sqrt, ordered)[0]).T
+    rows = [[made(float(x)) for x in row] for row in columns]
+    return np.array([DRIVING_FORCES.evaluate(Q, row, sqrt, ordered)[0] for row in rows], dtype=object)

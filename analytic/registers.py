@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .evaluate import REGULAR, Mechanism, rows, slots
+from .evaluate import REGULAR, Mechanism, Problem
 from .samples import BLOCK
-from .stewart import PlatformMotion
 from .trace import FIXED, Program
 from .traced import traced
 
@@ -63,9 +62,9 @@ class Bound(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
-def _bound(P: Mechanism, every: bool, n: int, thread: int) -> Bound:
+def _bound(P: Mechanism, problem: Problem, n: int, thread: int) -> Bound:
     """The program of a machine on registers of n samples, which belong to one thread."""
-    program = traced(P, every)
+    program = traced(P, problem)
     registers, count = allocation(program)
     space = np.empty((count, n))
     bits = space.view(np.int64)
@@ -97,14 +96,14 @@ class NumPy:
 
     size = BLOCK
 
-    def __init__(self, P: Mechanism, every: bool) -> None:
-        self.P, self.every, self.rows = P, every, rows(slots(P, every), len(P.p))
+    def __init__(self, P: Mechanism, problem: Problem) -> None:
+        self.P, self.problem, self.rows = P, problem, problem.rows(P)
 
-    def fill(self, motion: PlatformMotion, numbers: np.ndarray) -> bool:
+    def fill(self, inputs: Sequence[np.ndarray], numbers: np.ndarray) -> bool:
         """All samples at once."""
         n = numbers.shape[1]
-        bound = _bound(self.P, self.every, n, threading.get_ident())
-        columns = np.hstack([a.reshape(n, -1) for a in motion]).T
+        bound = _bound(self.P, self.problem, n, threading.get_ident())
+        columns = np.hstack([a.reshape(n, -1) for a in inputs]).T
         for k, register in bound.inputs.items():
             register[:] = columns[k]
         with np.errstate(all="ignore"):  # a vertical leg overflows; the regularity says so

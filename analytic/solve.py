@@ -230,6 +230,30 @@ def eliminate(
     return x, determinant
 
 
+def eliminate_symmetric(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> tuple[list[Scalar], Scalar]:
+    """Elimination without exchanges, of which a symmetric positive definite system needs none, for numbers of any kind.
+
+    Entries above the diagonal are not read.  Returns the solution, and the determinant over the product of the
+    diagonal: between 0 and 1, and small where rows are nearly dependent.
+    """
+    n = len(right)
+    M, b = [list(row) for row in rows], list(right)
+    share: Any = 1.0
+    for j in range(n):
+        share = share * (M[j][j] / rows[j][j])
+        for i in range(j + 1, n):
+            factor = M[i][j] / M[j][j]
+            for k in range(j + 1, i + 1):
+                M[i][k] = M[i][k] - factor * M[k][j]
+            b[i] = b[i] - factor * b[j]
+    x: list[Any] = [None] * n
+    for j in reversed(range(n)):
+        x[j] = b[j] / M[j][j]
+        for i in range(j + 1, n):
+            x[j] = x[j] - M[i][j] / M[j][j] * x[i]
+    return x, share
+
+
 def solve_numbers(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
     """Solution of one system of floats or balls, by `eliminate`."""
     return eliminate(rows, right, ordered_numbers)[0]

@@ -928,7 +928,7 @@ def planar_reduced_equations(
         for factor, n in ((J_q / (k.L * k.L), (k.c, k.s)), (P.leg.m_s, (-k.s, k.c))):
             d = planar_screw(k, n)[: len(rows)]
             rows = [
-                [a + factor * d_i * d_j for a, d_j in zip(row, d, strict=True)]
+                [a + factor * (d_i * d_j) for a, d_j in zip(row, d, strict=True)]
                 for row, d_i in zip(rows, d, strict=True)
             ]
     return rows, right
@@ -1058,7 +1058,7 @@ class Bordered(NamedTuple):
 
 def plus_dyad(rows: list[list[Scalar]], k: Scalar, d: Sequence[Scalar]) -> list[list[Scalar]]:
     """Matrix + k d d^T."""
-    return [[a + k * d_i * d_j for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
+    return [[a + k * (d_i * d_j) for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
 
 
 def bordered(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Bordered:

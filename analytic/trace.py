@@ -69,12 +69,16 @@ class Traced:
     def __abs__(self) -> Traced:
         return self.trace._new("abs", (self.place,))
 
-    def __gt__(self, other: float) -> bool:
-        """Decided while tracing: only what does not move can be compared."""
+    def __float__(self) -> float:
+        """Value of a number that does not move. Raises TypeError for others."""
         value = self.trace.fixed(self)
         if value is None:
-            raise TypeError("a traced number that moves was compared: the text must not branch on it")
-        return value > other
+            raise TypeError("a traced number that moves has no value: the text must not branch on it")
+        return value
+
+    def __gt__(self, other: float) -> bool:
+        """Decided while tracing: only what does not move can be compared."""
+        return float(self) > other
 
 
 class Trace:

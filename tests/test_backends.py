@@ -21,11 +21,13 @@ from stewart_crosscheck.analytic import (
     NotDeterminate,
     PlatformMotion,
     SingularPose,
+    backends,
     dynamics,
     evaluate,
     registers,
 )
 from stewart_crosscheck.analytic.compiled import Compiled
+from stewart_crosscheck.analytic.evaluate import DRIVING_FORCES, FORWARD_DYNAMICS, INVERSE_DYNAMICS, Problem
 from stewart_crosscheck.analytic.precision import KINDS, precise_driving_forces
 from stewart_crosscheck.analytic.samples import BLOCK
 from stewart_crosscheck.analytic.solve import LIMIT, ordered_numbers
@@ -43,6 +45,11 @@ condition of up to 10; small reactions are differences of large ones."""
 
 ROUNDING = 4e-15
 """Of the largest force, between back ends: two answers that are each within `F_ERROR` of the truth."""
+
+
+def flat(one: PlatformMotion) -> list[float]:
+    """Numbers of one sample, as a problem takes them."""
+    return [float(x) for a in one for x in np.ravel(np.asarray(a))]
 
 
 def repeated(motion: PlatformMotion, n: int) -> PlatformMotion:
@@ -100,8 +107,8 @@ def test_a_single_sample_runs_on_floats_and_more_on_arrays(
     hexapod: Scene, trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    made = dynamics.back_end
-    monkeypatch.setattr(dynamics, "back_end", lambda name, *a: (asked.append(name), made(name, *a))[1])
+    made = backends.back_end
+    monkeypatch.setattr(backends, "back_end", lambda name, *a: (asked.append(name), made(name, *a))[1])
     analytic.driving_forces(hexapod.parameters, repeated(trajectory.motion, 1))
     analytic.driving_forces(hexapod.parameters, repeated(trajectory.motion, 2))
     assert asked == ["float", "numpy"]
@@ -203,10 +210,10 @@ def test_the_regularity_bounds_the_condition(hexapod: Scene) -> None:
         Q = replace(P, p=tuple(map(tuple, p.tolist())), O=tuple(map(tuple, O.tolist())))
         still = PlatformMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((4, 1, 3)))
         one = one_sample(still, 0)
-        _, regularity = evaluate.regular_numbers(Q, one, math.sqrt, ordered_numbers, evaluate.lever_unit(Q), False)
+        _, regularity = DRIVING_FORCES.evaluate(Q, flat(one), math.sqrt, ordered_numbers)
         y = (p - O) / np.linalg.norm(p - O, axis=1, keepdims=True)
         A = np.vstack([y.T, np.cross(p, y).T / np.linalg.norm(p, axis=1).max()])
-        assert np.linalg.cond(A) <= evaluate.REGULAR * LIMIT / regularity
+        assert np.linalg.cond(A) <= LIMIT * evaluate.REGULAR / regularity
         conditions.append(np.linalg.cond(A))
     assert min(conditions) < 30
     assert max(conditions) > 1e4
@@ -294,33 +301,41 @@ def test_more_digits_are_more_digits(
 # --- What it costs, without a clock -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "every", "flops"),
-    [("hexapod", False, 1465), ("hexapod", True, 2071), ("tsai2000", False, 1239), ("tsai2000", True, 1653),
-     ("planar3", False, 254), ("planar3", True, 377), ("pointmass2", False, 121), ("pointmass2", True, 207)],
-)  # fmt: skip
-def test_operations_are_counted(name: str, every: bool, flops: int) -> None:
+FLOPS = {
+    ("hexapod", DRIVING_FORCES): 1466,
+    ("hexapod", INVERSE_DYNAMICS): 2072,
+    ("hexapod", FORWARD_DYNAMICS): 2581,
+    ("tsai2000", DRIVING_FORCES): 1240,
+    ("tsai2000", INVERSE_DYNAMICS): 1654,
+    ("planar3", DRIVING_FORCES): 255,
+    ("planar3", INVERSE_DYNAMICS): 378,
+    ("pointmass2", DRIVING_FORCES): 121,
+    ("pointmass2", INVERSE_DYNAMICS): 203,
+}
+
+
+@pytest.mark.parametrize(("name", "problem"), FLOPS, ids=lambda x: getattr(x, "name", x))
+def test_operations_are_counted(name: str, problem: Problem) -> None:
     """More of them is a regression of speed, on any machine; fewer is a reason to change the number here."""
-    counts = traced(load_scene(name).parameters, every).counts()
-    assert counts["flops"] <= flops
-    assert counts["flops"] >= 0.97 * flops
-    if name == "hexapod":
+    counts = traced(load_scene(name).parameters, problem).counts()
+    assert counts["flops"] == FLOPS[name, problem]
+    if (name, problem) == ("hexapod", INVERSE_DYNAMICS):
         assert (counts["/"], counts["sqrt"], counts["select"]) == (24, 12, 170)
 
 
 def test_what_a_machine_lacks_costs_nothing(hexapod: Scene) -> None:
     P = parameters(hexapod)
-    flops = traced(P, True).counts()["flops"]
+    flops = traced(P, INVERSE_DYNAMICS).counts()["flops"]
     without = replace(P, leg=replace(P.leg, m_o=0.0, J_oz=0.0, J_ny=0.0, J_sz=0.0))
     tilted = replace(P, g=(1.0, -9.0, 2.0), I_p=((1.3, 0.1, 0.2), (0.1, 2.4, 0.3), (0.2, 0.3, 1.5)))
-    assert traced(without, True).counts()["flops"] < 0.85 * flops
-    assert traced(tilted, True).counts()["flops"] > flops
+    assert traced(without, INVERSE_DYNAMICS).counts()["flops"] < 0.85 * flops
+    assert traced(tilted, INVERSE_DYNAMICS).counts()["flops"] > flops
 
 
 @pytest.mark.parametrize(("every", "most"), [(False, 142), (True, 262)])
 def test_registers_are_used_again(every: bool, most: int, hexapod: Scene) -> None:
     """Arrays of a block: 24 of the motion, every result that is asked for, and what is alive in between."""
-    program = traced(parameters(hexapod), every)
+    program = traced(parameters(hexapod), INVERSE_DYNAMICS if every else DRIVING_FORCES)
     count = registers.allocation(program)[1]
     assert count <= most
     assert count < len(program.operations) / 8

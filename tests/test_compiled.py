@@ -15,7 +15,8 @@ from conftest import parameters
 from stewart_crosscheck import analytic
 from stewart_crosscheck.analytic import NoCompiler, c_code, compiled
 from stewart_crosscheck.analytic.compiled import Compiled
-from stewart_crosscheck.analytic.traced import INPUTS, traced
+from stewart_crosscheck.analytic.evaluate import DRIVING_FORCES
+from stewart_crosscheck.analytic.traced import traced
 from stewart_crosscheck.crosscheck.trajectory import Trajectory
 from stewart_crosscheck.models import Scene
 
@@ -123,7 +124,7 @@ def test_a_wrong_operation_in_the_code_is_seen(
     good = analytic.driving_forces(hexapod.parameters, trajectory.motion, "compiled")
     monkeypatch.setitem(c_code._EXPRESSIONS, "-", "{} + {}")
     wrong = np.zeros_like(good)
-    Compiled(parameters(hexapod), every=False).fill(trajectory.motion, wrong.T)
+    Compiled(parameters(hexapod), DRIVING_FORCES).fill(trajectory.motion, wrong.T)
     assert np.abs(wrong - good).max() > 1.0
 
 
@@ -131,6 +132,6 @@ def test_machines_of_one_kind_share_their_code(hexapod: Scene) -> None:
     """Numbers are arguments: only what vanishes, or is equal, shapes the code."""
     P = parameters(hexapod)
     heavier = replace(P, m_p=2.0 * P.m_p)
-    codes = {c_code.c_code(traced(Q, False), range(6), INPUTS) for Q in (P, heavier)}
+    codes = {c_code.c_code(traced(Q, DRIVING_FORCES), range(6), DRIVING_FORCES.widths(Q)) for Q in (P, heavier)}
     assert len(codes) == 1
-    assert traced(P, False).parameters != traced(heavier, False).parameters
+    assert traced(P, DRIVING_FORCES).parameters != traced(heavier, DRIVING_FORCES).parameters

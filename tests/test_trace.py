@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import one_sample
 
-from stewart_crosscheck.analytic import PlatformMotion, evaluate
+from stewart_crosscheck.analytic.evaluate import DRIVING_FORCES, FORWARD_DYNAMICS, INVERSE_DYNAMICS, Problem
 from stewart_crosscheck.analytic.solve import eliminate, ordered_numbers
 from stewart_crosscheck.analytic.trace import Program, Trace, Traced, program
-from stewart_crosscheck.analytic.traced import INPUTS, traced
+from stewart_crosscheck.analytic.traced import traced
 from stewart_crosscheck.crosscheck.trajectory import from_scene
 from stewart_crosscheck.models import load_scene, scene_names
 
@@ -127,18 +127,22 @@ def test_traced_elimination_exchanges_rows() -> None:
         np.testing.assert_allclose(got, same, rtol=1e-12)
 
 
+@pytest.mark.parametrize("problem", [DRIVING_FORCES, INVERSE_DYNAMICS, FORWARD_DYNAMICS], ids=lambda p: p.name)
 @pytest.mark.parametrize("name", [name for name in scene_names() if name != "collinear"])
-def test_the_program_says_what_the_text_says(name: str) -> None:
+def test_the_program_says_what_the_text_says(name: str, problem: Problem) -> None:
     scene = load_scene(name)
     P, motion = scene.parameters, from_scene(scene, 7).motion
-    p = traced(P, True)
+    rng = np.random.default_rng(5)
+    p = traced(P, problem)
     for k in range(7):
-        one: PlatformMotion = one_sample(motion, k)
-        unit = evaluate.lever_unit(P)
-        wanted, regularity = evaluate.regular_numbers(P, one, math.sqrt, ordered_numbers, unit, True)
-        inputs = np.concatenate([np.ravel(np.asarray(a)) for a in one])
-        assert len(inputs) == INPUTS
-        *got, sure = run(p, inputs)
-        # another order of sums, and reciprocals: a few roundings of the largest number
-        np.testing.assert_allclose(got, wanted, rtol=0, atol=4e-15 * np.abs(wanted).max())
-        assert sure == pytest.approx(regularity, rel=1e-12)
+        x = np.concatenate([np.ravel(np.asarray(a)) for a in one_sample(motion, k)])
+        if problem is FORWARD_DYNAMICS:
+            x = np.concatenate([x[:18], 100.0 * rng.normal(size=len(P.p))])
+        assert len(x) == sum(problem.widths(P))
+        wanted, regularity = problem.evaluate(P, x.tolist(), math.sqrt, ordered_numbers)
+        *got, sure = run(p, x)
+        assert len(wanted) == len(problem.rows(P))
+        # another order of sums, and reciprocals: a few roundings of the largest number, times a condition of the masses
+        few = 4e-15 if problem is not FORWARD_DYNAMICS else 4e-14
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=few * np.abs(wanted).max())
+        assert sure == pytest.approx(regularity, rel=1e-10)
