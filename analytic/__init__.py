@@ -7,7 +7,7 @@ lengths.
 """
 
 from .assembly import Assembly, AssemblyError, assemble
-from .compiled import NoCompiler
+from .compiler import NoCompiler
 from .constrained import ConstrainedSimulation, simulate_constrained
 from .dynamics import (
     Infeasible,

@@ -13,7 +13,7 @@ import pytest
 from conftest import parameters
 
 from stewart_crosscheck import analytic
-from stewart_crosscheck.analytic import NoCompiler, c_code, compiled
+from stewart_crosscheck.analytic import NoCompiler, c_code, compiler
 from stewart_crosscheck.analytic.compiled import Compiled
 from stewart_crosscheck.analytic.evaluate import DRIVING_FORCES
 from stewart_crosscheck.analytic.traced import traced
@@ -26,7 +26,7 @@ SOURCE = "double twice(double x) { return 2.0 * x; }\n"
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty place for compiled code; what the compiler keeps for itself stays."""
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(compiled._folder() / "zig"))
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(compiler._folder() / "zig"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return tmp_path / "stewart-crosscheck"
 
@@ -42,34 +42,34 @@ def kept(folder: Path) -> list[Path]:
 
 
 def test_code_is_compiled_once_for_a_compiler(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    compiled.library(SOURCE)
+    compiler.library(SOURCE)
     (first,) = kept(folder)
     stamp = first.stat().st_mtime_ns
-    compiled.library(SOURCE)
+    compiler.library(SOURCE)
     assert first.stat().st_mtime_ns == stamp
-    compiled.library(SOURCE.replace("2.0", "3.0"))
+    compiler.library(SOURCE.replace("2.0", "3.0"))
     assert len(kept(folder)) == 2
-    real = " ".join(compiled.compiler())
+    real = " ".join(compiler.compiler())
     monkeypatch.setenv("CC", script(tmp_path / "another", f'exec {real} "$@"'))
-    compiled.library(SOURCE)
+    compiler.library(SOURCE)
     assert len(kept(folder)) == 3
     assert not [p for p in folder.iterdir() if p.name.startswith("tmp")]  # nothing is left behind
 
 
 def test_damaged_code_is_compiled_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled.library(SOURCE)
+    compiler.library(SOURCE)
     (one,) = kept(folder)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))  # what is loaded can not be damaged any more
     damaged = tmp_path / "other" / folder.name / one.name
     damaged.parent.mkdir(parents=True)
     damaged.write_bytes(one.read_bytes()[:100])
-    assert compiled.library(SOURCE).twice
+    assert compiler.library(SOURCE).twice
     assert damaged.stat().st_size > 1000
 
 
 def test_two_at_once_do_no_harm(folder: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda _: compiled.library(SOURCE).twice, range(4)))
+        found = list(pool.map(lambda _: compiler.library(SOURCE).twice, range(4)))
     assert len(found) == 4
     assert len(kept(folder)) == 1
 
@@ -78,21 +78,21 @@ def test_a_folder_that_can_not_be_written_to_is_done_without(tmp_path: Path, mon
     file = tmp_path / "file"
     file.write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(file))
-    compiled.library(SOURCE)
+    compiler.library(SOURCE)
     assert file.read_text() == ""
 
 
 def test_without_a_compiler_the_message_says_what_helps(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(compiled.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(compiled.shutil, "which", lambda name: None)
+    monkeypatch.setattr(compiler.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(compiler.shutil, "which", lambda name: None)
     with pytest.raises(NoCompiler, match=r"found no C compiler: .*pip install stewart-crosscheck\[fast\]"):
-        compiled.library(SOURCE)
-    monkeypatch.setattr(compiled.shutil, "which", lambda name: "/usr/bin/cc")
-    assert compiled.compiler() == ["cc"]
+        compiler.library(SOURCE)
+    monkeypatch.setattr(compiler.shutil, "which", lambda name: "/usr/bin/cc")
+    assert compiler.compiler() == ["cc"]
     monkeypatch.undo()
     if not os.environ.get("CC"):
-        assert compiled.compiler() == [sys.executable, "-m", "ziglang", "cc"]
+        assert compiler.compiler() == [sys.executable, "-m", "ziglang", "cc"]
 
 
 @pytest.mark.parametrize(
@@ -108,13 +108,13 @@ def test_a_compiler_that_fails_is_named(
 ) -> None:
     monkeypatch.setenv("CC", script(tmp_path / "cc", text))
     with pytest.raises(NoCompiler, match=message):
-        compiled.library(SOURCE)
+        compiler.library(SOURCE)
 
 
 def test_a_compiler_that_is_not_there_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "/no/such/compiler")
     with pytest.raises(NoCompiler, match="/no/such/compiler can not be run: No such file"):
-        compiled.library(SOURCE)
+        compiler.library(SOURCE)
 
 
 def test_a_wrong_operation_in_the_code_is_seen(
