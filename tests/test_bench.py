@@ -324,16 +324,17 @@ def test_every_built_in_scene_is_measured_exactly(name: str, engine_name: str) -
             assert error.share <= 1.0, c
 
 
-@pytest.mark.parametrize("backend", ["long double", "balls"])
-def test_the_formulas_beyond_float64_are_off_by_the_rounding_of_truth_alone(
+@pytest.mark.parametrize("backend", ["long double", "ball"])
+def test_the_formulas_on_more_digits_are_off_by_the_rounding_of_what_they_are_given(
     backend: str, inputs: Inputs, judge: Truth
 ) -> None:
     """So the text itself holds, and what float64 is off by is rounding."""
-    c = next(c for c in load_sweep("analytic").cases(inputs.scene, TINY) if c.backend == backend)
+    plan = TINY._replace(samples=21)
+    c = next(c for c in load_sweep("analytic").cases(inputs.scene, plan) if c.backend == backend)
     ready = load_sweep("analytic").ready(c, inputs)
-    error = judge.error(c, ready.read([ready.call(part) for part in ready.parts], picked(21, 1)))
+    error = judge.error(c, ready.read([ready.call(part) for part in ready.parts], picked(21, 21)))
     assert error is not None
-    assert error.relative < 2e-16
+    assert error.relative < 5e-16  # the rotation is rounded to float64 before
 
 
 def test_a_softer_knob_is_less_accurate(inputs: Inputs, judge: Truth) -> None:
@@ -479,8 +480,9 @@ def test_the_split_is_the_engines_share_and_its_costliest_call(inputs: Inputs, m
     (row,) = split_table(found | {CASES[2]: Failure("broken")}).itertuples()
     assert (row.engine, row.task, row.route, row.call) == ("b", "driving_forces", "kkt", "long")
     assert row.call_us == pytest.approx(1500.0)
-    assert row.us_per_sample >= 5000.0
-    assert row.engine_share == pytest.approx(2000.0 / row.us_per_sample)
+    us = float(str(row.us_per_sample))
+    assert us >= 5000.0
+    assert row.engine_share == pytest.approx(2000.0 / us)
 
 
 # --- The ratio --------------------------------------------------------------------------------------------------------

@@ -11,23 +11,33 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ... import analytic
-from ...analytic.forward import accelerations
-from ...analytic.orientation import rotation
-from ...analytic.solve import solve_numbers
-from ...analytic.stewart import first_problem
+from ...analytic.backends import BACKENDS
+from ...analytic.evaluate import DRIVING_FORCES, FORWARD_DYNAMICS, INVERSE_DYNAMICS
+from ...analytic.forward import FORMS
+from ...analytic.precision import KINDS, precise_driving_forces
+from ...analytic.traced import traced
 from ...models.scene import Scene
 from ..engine import by_joint
 from ..problem import Problem, Staged
-from ..sweep import LEGS, Case, Inputs, Plan, Ready, parts
+from ..roofline import measure
+from ..sweep import LEGS, MANY, Case, Inputs, Plan, Ready, parts
 
-MACHINES = (6, 8, 12, 24, 48)
-"""Legs of the machines that show how the work grows with them."""
+PROBLEMS = {"driving_forces": DRIVING_FORCES, "all_reactions": INVERSE_DYNAMICS, "forward_step": FORWARD_DYNAMICS}
+SETTINGS = {"driving_forces": "(7), (8)", "all_reactions": "(7)-(29)", "forward_step": "smallest form"}
+
+LOOP = "ControlLoop"
+IN_PLACE = ", in place"
+"""Results in arrays that were there before."""
 
 MOST_FLOATS = 1000
 """Samples at a time of the back end `float`, which takes them one by one."""
 
-BACKENDS = ("numpy",)
-FORMS = ("compliance", "reduced", "paper")
+BITS = 128
+"""Of balls."""
+
+MACHINES = (6, 8, 12, 24, 48)
+"""Legs of the machines that show how the work grows with them."""
+
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 """Of the adaptive solver, relative."""
 
@@ -42,43 +52,35 @@ class AnalyticSweep:
     """The formulas get the platform's motion alone; nothing of it is prepared."""
 
     def cases(self, scene: Scene, plan: Plan) -> Iterator[Case]:
-        """The first problem on every back end; the second one in every form; steps in time."""
+        """Back ends, numbers of more digits, forms of the second problem, steps in time, numbers of legs."""
         case = partial(Case, engine="analytic", route="closed_form")
-        for task, setting in (("driving_forces", "(7), (8)"), ("all_reactions", "(7)-(29)")):
+        for task, setting in SETTINGS.items():
+            exact = partial(case, task, exact=True)
             for backend in BACKENDS:
                 for batch in plan.batches:
                     if backend != "float" or batch <= MOST_FLOATS:
-                        yield case(task, backend=backend, setting=setting, batch=batch, exact=True)
-        if scene.topology == "spatial":
-            for number in NUMBERS:
-                yield case("all_reactions", backend=number, setting="(7)-(29)", exact=True)
+                        yield exact(backend=backend, setting=setting, batch=batch)
+                    if backend == "compiled" and batch >= MANY and task != "forward_step":
+                        yield exact(backend=backend, setting=setting + IN_PLACE, batch=batch)
+        yield case("driving_forces", backend="compiled", setting=LOOP, exact=True)
+        for kind in KINDS if scene.topology == "spatial" else ():  # no test for singular poses stands before them
+            yield case(
+                "driving_forces", backend=kind, setting=SETTINGS["driving_forces"], batch=plan.samples, exact=True
+            )
         for form in FORMS:
-            yield case("forward_step", backend="float", setting=f"form {form}", knobs=(("form", form),), exact=True)
-            for batch in plan.batches if form == FORMS[0] else (1000,):
-                if batch <= 100_000:
-                    yield case(
-                        "forward_step", backend="numpy", setting=f"form {form}", batch=batch, knobs=(("form", form),),
-                        exact=True,
-                    )  # fmt: skip
+            batch = min(MANY, plan.batches[-1])
+            yield case("forward_step", backend="numpy", setting=f"form {form}", batch=batch, exact=True)
         for rtol in plan.some(TOLERANCES):
             yield case("simulate", backend="float", setting=f"DOP853, rtol {rtol:g}", knobs=(("rtol", rtol),))
         for steps in plan.some((1, 2, 4)):
-            setting = f"RK4, dt {1e-2 / steps:.3g} s"
-            yield case("simulate", backend="float", setting=setting, knobs=(("steps", steps),))
-            if scene.topology == "spatial":
-                for how in _DAE:
-                    setting = f"{how}, dt {1e-2 / steps:.3g} s"
-                    yield case(
-                        "simulate",
-                        route="dae",
-                        backend="float",
-                        setting=setting,
-                        knobs=(("steps", steps), ("dae", how)),
-                    )
-        if scene.topology == "spatial":
-            for legs in plan.some(MACHINES):
-                for what in ("forward_dynamics", "inverse_kinematics"):
-                    yield case(LEGS, backend="numpy", setting=what, batch=1000, knobs=(("legs", legs),))
+            dt = f"dt {1e-2 / steps:.3g} s"
+            yield case("simulate", backend="float", setting=f"RK4, {dt}", knobs=(("steps", steps),))
+            for how in _DAE if scene.topology == "spatial" else ():
+                knobs = (("steps", steps), ("dae", how))
+                yield case("simulate", route="dae", backend="float", setting=f"{how}, {dt}", knobs=knobs)
+        for legs in plan.some(MACHINES) if scene.topology == "spatial" else ():
+            for what in ("forward_dynamics", "inverse_kinematics"):
+                yield case(LEGS, backend="numpy", setting=what, batch=MANY, knobs=(("legs", legs),))
 
     def ready(self, case: Case, inputs: Inputs) -> Ready:
         """By the task."""
@@ -88,83 +90,72 @@ class AnalyticSweep:
             return _simulate(case, inputs)
         if case.task == "forward_step":
             return _forward(case, inputs)
-        if case.backend in NUMBERS:
-            return _precise(case, inputs)
         P, motion = inputs.scene.parameters, inputs.trajectory.motion
         index = parts(len(motion.C_p), case.batch)
-        motions = [analytic.PlatformMotion(*(np.ascontiguousarray(x[i]) for x in motion)) for i in index]
+        given = [(analytic.PlatformMotion(*(np.ascontiguousarray(x[i]) for x in motion)), None) for i in index]
         samples = sum(map(len, index))
         if case.task == "driving_forces":
-            call = partial(analytic.driving_forces, P)
-            return Ready(motions, call, lambda out, pick: np.concatenate(out)[pick], samples)
+            return Ready(*_driving_forces(case, P, given), _joined, samples)
+        N = len(P.p)
+        if case.setting.endswith(IN_PLACE):
+            given = [(m, analytic.InverseDynamics.zeros(len(m.C_p), N)) for m, _ in given]
 
         def both(out: list[Any], pick: np.ndarray) -> Any:
             found = {n: np.concatenate([getattr(D, n) for D in out])[pick] for n in inputs.scene.quantities}
             return found["F"], by_joint(inputs.scene, found)
 
-        return Ready(motions, partial(analytic.inverse_dynamics, P), both, samples)
+        return Ready(given, lambda part: analytic.inverse_dynamics(P, part[0], case.backend, part[1]), both, samples)
 
 
-def _precise(case: Case, inputs: Inputs) -> Ready:
-    """The same text on other numbers, one sample at a time; the pose is given in them too."""
-    scene, trajectory = inputs.scene, inputs.trajectory
-    P, motion = scene.parameters, trajectory.motion
-    assert isinstance(P, analytic.Parameters)
-    number, sqrt = NUMBERS[case.backend]()
-    samples = []
-    for k, q in enumerate(trajectory.quaternion):
-        vectors = {n: tuple(map(number, getattr(motion, n)[k].tolist())) for n in motion._fields if n != "R"}
-        samples.append(analytic.PlatformMotion(R=rotation([number(x) for x in q.tolist()]), **vectors))
-
-    def both(out: list[Any], _: np.ndarray) -> Any:
-        found: dict[str, list[Any]] = {name: [] for name in scene.quantities}
-        for one in out:
-            found["F"].append(one.F)
-            for kind in (one.forces, one.moments):
-                for name in found.keys() & set(kind[0]._fields):
-                    found[name].append([getattr(leg, name) for leg in kind])
-        values = {name: np.array(np.array(x, dtype=object), dtype=float) for name, x in found.items()}
-        return values["F"], by_joint(scene, values)
-
-    return Ready(samples, lambda m: first_problem(P, m, sqrt, solve_numbers), both, len(samples))
+def roofline(scene: Scene) -> dict[str, Any]:
+    """What one core can do, and the least time [µs per sample] of each task's operations. Raises NoCompiler."""
+    limits, P = measure(), scene.parameters
+    least = {}
+    for task, problem in PROBLEMS.items():
+        read, written = sum(problem.widths(P)), len(problem.rows(P))
+        least[task] = 1e6 * limits.seconds(traced(P, problem).counts(), 8 * read, 8 * written)
+    return {**limits._asdict(), "least_us": least}
 
 
-def _long_doubles() -> tuple[Any, Any]:
-    return np.longdouble, np.sqrt
+def _joined(out: list[Any], pick: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.array(F, dtype=float) for F in out])[pick]
 
 
-def _balls() -> tuple[Any, Any]:
-    from flint import arb, ctx  # its package may be missing
+def _driving_forces(case: Case, P: Any, given: list[Any]) -> tuple[Any, Any]:
+    """Parts and the call on each of them."""
+    if case.backend in KINDS:
+        if case.backend == "ball":
+            import flint  # the package may be missing
 
-    ctx.prec = 128
-    return arb, arb.sqrt
+            flint.ctx.prec = BITS
+        return given, lambda part: precise_driving_forces(P, part[0], case.backend)
+    if case.setting == LOOP:
+        loop = analytic.ControlLoop(P)
 
+        def one(row: np.ndarray) -> np.ndarray:
+            loop.motion[:] = row
+            loop()
+            return loop.F.copy()
 
-NUMBERS = {"long double": _long_doubles, "balls": _balls}
-"""Numbers beyond float64: 64 bits of 80, and intervals of 128 bits around a midpoint."""
+        return [np.concatenate([x.ravel() for x in m]) for m, _ in given], lambda row: one(row)[None]
+    if case.setting.endswith(IN_PLACE):
+        given = [(m, np.empty((len(P.p), len(m.C_p))).T) for m, _ in given]
+    return given, lambda part: analytic.driving_forces(P, part[0], case.backend, part[1])
 
 
 def _forward(case: Case, inputs: Inputs) -> Ready:
     """Accelerations from certified forces; the motion's own are not there to be read."""
     P, F = inputs.scene.parameters, inputs.F
     motion = inputs.trajectory.without_accelerations().motion
-    form = dict(case.knobs)["form"]
     index = parts(len(F), case.batch)
-    if case.backend == "float":
-        numbers = [(analytic.PlatformMotion(*(x[k].tolist() for x in motion)), F[k].tolist()) for k in range(len(F))]
-
-        def read(out: list[Any], _: np.ndarray) -> np.ndarray:
-            return np.array([[*one.ddC_p, *one.dw_p] for one in out])
-
-        return Ready(numbers, lambda part: accelerations(P, part[0], part[1], form), read, len(F))
-    given = [(analytic.PlatformMotion(*(x[i] for x in motion)), F[i]) for i in index]
+    given = [(analytic.PlatformMotion(*(np.ascontiguousarray(x[i]) for x in motion)), F[i]) for i in index]
+    form = case.setting.removeprefix("form ")
+    how = {"form": form} if form in FORMS else {"backend": case.backend}
 
     def platform(out: list[Any], pick: np.ndarray) -> np.ndarray:
         return np.concatenate([np.hstack([a.ddC_p, a.dw_p]) for a in out])[pick]
 
-    return Ready(
-        given, lambda part: analytic.forward_dynamics(P, part[0], part[1], form), platform, sum(map(len, index))
-    )
+    return Ready(given, lambda part: analytic.forward_dynamics(P, *part, **how), platform, sum(map(len, index)))
 
 
 def _simulate(case: Case, inputs: Inputs) -> Ready:
