@@ -15,6 +15,7 @@ from ..models.scene import Scene
 from .bench_split import split, split_cases, split_table
 from .bench_table import Timed, Truth, scaling, speed_error
 from .bench_work import First, again, first, threads
+from .benches.analytic_ import roofline
 from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure
 from .problem import pose
 from .processes import Workers, dynamics
@@ -31,6 +32,7 @@ LEAST_ROUNDS = 3
 OUTPUTS = 26
 """Of the second that is simulated: errors are taken 25 times a second, and steps are 10 ms or less."""
 
+FORMULAS = "analytic"
 YARDSTICK = "pinocchio"
 """Whose `rnea` is the yardstick of all times, whichever engines are asked for."""
 
@@ -154,6 +156,7 @@ def bench(
             cases, plan, start, lambda case, n: ask(case.engine, again, case, inputs, n), lambda line: done(line, total)
         )
         watched = {case: ask(case.engine, split, case, inputs) for case in split_cases(cases, plan)}
+        limits = ask(FORMULAS, roofline, scene) if FORMULAS in names else None
         libraries = {name: ask(name, threads) for name in names}
     info = {
         **provenance(run_id, started, scene, chosen),
@@ -161,6 +164,7 @@ def bench(
         "plan": plan._asdict(),
         "seeds": {},
         "threads": {n: t for n, t in libraries.items() if not isinstance(t, Failure)},
+        "roofline": None if isinstance(limits, Failure) else limits,
         "without_sweep": [name for name in chosen if name not in sweep_names()],
         **verdict(found),
     }

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from .sweep import Case, Inputs, Ready, load_sweep, picked
 
 SLOW = 0.2
-"""Seconds of a first pass, imports and all, from which one pass is a timing."""
+"""Seconds of a first pass from which a second one would not tell more."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ def first(case: Case, inputs: Inputs, least: float, warm: Warm = WARM) -> First:
     ready, timer = warm(case, inputs)
     start = warm.timer()
     results = [ready.call(part) for part in ready.parts]
-    seconds, number = warm.timer() - start, 1
+    seconds = warm.timer() - start
     answer = ready.read(results, picked(len(inputs.trajectory.t), case.batch))
     del results
     peak = _peak(ready) if case.task != "simulate" else 0
     if seconds < SLOW:
-        number, seconds = timer.autorange()
-    return First(answer, max(1, round(number * least / seconds)), ready.samples, peak)
+        seconds = timer.timeit(1)
+    return First(answer, max(1, round(least / seconds)), ready.samples, peak)
 
 
 def _peak(ready: Ready) -> int:

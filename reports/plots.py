@@ -71,7 +71,7 @@ def _files(name: str, figure: Figure) -> Plot:
     return Plot(text[text.index("<svg") :], png.getvalue())
 
 
-KNOB = r", ([a-z]+ [\d.].*)$"
+KNOB = r", ([a-z]+ [\d.][^,]*)$"
 """The end of a setting that is a knob: a name and a number."""
 
 Method = tuple[str, ...]

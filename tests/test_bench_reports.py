@@ -84,6 +84,7 @@ INFO = {
     "seconds": 12.0,
     "plan": {"rounds": 3, "samples": 100},
     "baseline": {"what": "pin.rnea, one call per sample", "us_per_sample": 2.5, "us_p10": 2.4, "us_p90": 2.6},
+    "roofline": {"products": 6e10, "stored": 3e10, "loaded": 2e10, "least_us": {"driving_forces": 0.25}},
     "wrong": [],
     "failed": [],
 }  # fmt: skip
@@ -302,6 +303,7 @@ def test_the_page_holds_everything_and_nothing_from_elsewhere(
     text = found.all()
     assert "All 14 settings were measured, and every exact one is within its tolerance." in text
     wanted = ("A <fast> one", "<b>other</b>", "own & kkt", "mj_inverse", "pin.rnea, one call per sample")
+    wanted = (*wanted, "driving_forces 250 ns (fastest measured 1e+03 ns, 25 %)")
     for words in (*wanted, *summary(table)):
         assert words in text, words
     assert text.index("All 14 settings") < text.index("Best settings") < text.index("Error over time")
@@ -317,7 +319,9 @@ def test_the_page_begins_with_what_is_wrong(page: Callable[[dict], Reader]) -> N
 def test_a_bench_of_one_engine_without_yardstick_is_written_too(
     tmp_path: Path, table: pd.DataFrame, scaling: pd.DataFrame
 ) -> None:
-    write_bench(tmp_path, table[table["engine"] == "mujoco"], scaling[:0], SPLIT, INFO | {"baseline": None})
+    write_bench(
+        tmp_path, table[table["engine"] == "mujoco"], scaling[:0], SPLIT, INFO | {"baseline": None, "roofline": None}
+    )
     found = read((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert found.drawings == 1
     assert "× rnea:" not in found.all()
