@@ -35,12 +35,12 @@ def of_loop(multiplier: np.ndarray) -> np.ndarray:
 
 
 def rows_of_point(columns: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Rows (..., 3, n) of a point (..., 3) from Pinocchio's columns (..., 6, n): linear at the origin, angular.
+    """Rows (3, n, nt) of a point (3, nt) from Pinocchio's columns (6, n, nt): linear at the origin, angular.
 
     The transpose shifts a force at the point to the origin.
     """
-    angular = np.moveaxis(columns[..., 3:, :], -1, -2)
-    return columns[..., :3, :] + np.moveaxis(moment(angular, point[..., None, :]), -1, -2)
+    (x, y, z), (X, Y, Z) = columns[3:], point
+    return columns[:3] + np.stack([y * Z - z * Y, z * X - x * Z, x * Y - y * X])
 
 
 def less_force(wrench: np.ndarray, force: np.ndarray, lever: np.ndarray) -> np.ndarray:

@@ -51,7 +51,7 @@ def test_agrees_with_the_whole_system_on_random_machines(engine_name: str, scene
 def test_hard_poses_are_no_worse_than_by_the_whole_system(
     engine_name: str, kind: str, distance: float, hexapod: Scene
 ) -> None:
-    """Both against certified forces: rounding of the matrix, times its condition, is what both lose (measured 6e-17)."""
+    """Both against certified forces: what both lose is rounding of the matrix times its condition (6e-17)."""
     scene, trajectory = hard_scene(hexapod, kind, distance)
     truth = load_engine("reference")(scene).inverse_dynamics(trajectory).F
     engine, (tau, J, *_) = assembled(engine_name, scene, trajectory)

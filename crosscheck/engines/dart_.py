@@ -139,8 +139,7 @@ class DartEngine(SteppingEngine):
 
     def gaps(self, state: State) -> Loops:
         """Positions, velocities and accelerations of the loop points."""
-        sk, scene = self.skeleton, self.scene
-        out = Loops.empty(len(state.q), scene.N)
+        sk, scene, out = self.skeleton, self.scene, Loops.empty(len(state.q), self.scene.N)
         hulls = [sk.getJoint(c).getTransformFromParentBodyNode().translation() for c in scene.hull_coordinates]
         N, rods = scene.N, self.ends[: scene.N]
         for k in self._each(state):
@@ -293,8 +292,9 @@ class DartEngine(SteppingEngine):
 
     def set(self, state: State, k: int) -> None:
         """State of one sample."""
-        sk, (q, v, a) = self.skeleton, (x[k] for x in state)
-        sk.setPositions(q), sk.setVelocities(v), sk.setAccelerations(a)
+        sk = self.skeleton
+        for put, x in zip((sk.setPositions, sk.setVelocities, sk.setAccelerations), state, strict=True):
+            put(x[k])
 
 
 ENGINE = DartEngine

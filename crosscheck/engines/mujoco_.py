@@ -230,7 +230,8 @@ class MujocoEngine(SteppingEngine):
         out, twist = Seen.empty(len(state.q)), np.empty(6)
         for k in self._each(state):
             mj.mj_energyPos(m, d)
-            mj.mj_energyVel(m, d)
+            mj.mj_makeM(m, d)
+            mj.mj_energyVel(m, d)  # by the mass matrix
             mj.mj_objectVelocity(m, d, mj.mjtObj.mjOBJ_XBODY, self.platform, twist, 0)
             out.position[k], out.rotation[k] = d.xpos[self.platform], d.xmat[self.platform].reshape(3, 3)
             out.angular_velocity[k], out.velocity[k] = twist[:3], twist[3:]

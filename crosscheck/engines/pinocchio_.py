@@ -139,12 +139,14 @@ class PinocchioEngine(SteppingEngine):
             columns[k] = J
             for views, out in zip(seen, kept, strict=False):
                 np.concatenate(views, out=out[k])
-        rows = np.zeros((n, scene.N, 3, m.nv))
+        rows = np.zeros((scene.N, 3, m.nv, n))  # samples last: products of short axes are slow
+        last, at_last = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (columns, points))
         for i, ends in enumerate(self.loops):
             for e, sign in enumerate((1.0, -1.0)):
                 chain = self._chain(ends[e])
-                rows[:, i][..., chain] = sign * wrench.rows_of_point(columns[..., chain], points[:, e, i])
-        J = rows[:, :, : len(scene.loop_axes)].reshape(n, scene.nc, m.nv)
+                rows[i][:, chain] = sign * wrench.rows_of_point(last[:, chain], at_last[e, i])
+        rows = rows[:, : len(scene.loop_axes)].reshape(scene.nc, m.nv, n)
+        J = np.ascontiguousarray(np.moveaxis(rows, -1, 0))
         if not with_tree:
             return Assembly(tau, J)
         return Assembly(tau, J, wrench.from_pinocchio(force, R), points[:, 0, [j.leg - 1 for j in joints]] - at)
