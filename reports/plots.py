@@ -181,26 +181,32 @@ def over_samples(scaling: pd.DataFrame) -> Figure:
     sizes = scaling.groupby([scaling["what"], which])["batch"].transform("nunique")
     rows, which = scaling[sizes > 1], which[sizes > 1]
     tasks = [task for task in PANELS if (rows["what"] == task).any()]
-    figure = Figure(figsize=(4.2 * max(len(tasks), 1), 7.6), layout="constrained")
+    figure = Figure(figsize=(4.2 * max(len(tasks), 1), 7.8), layout="constrained")
     if not tasks:
         return figure
-    style = styles(which)
+    style = styles(_in_short(method) for method in which)
     panels = figure.subplots(2, len(tasks), sharex=True, sharey="row", squeeze=False)
     labels = {}
     for (top, bottom), task in zip(panels.T, tasks, strict=True):
-        for method in style:
+        for method in dict.fromkeys(which[rows["what"] == task]):
             part = rows[(rows["what"] == task) & (which == method)]
-            if len(part):
-                part = part[part["setting"] == part["setting"].iloc[-1]].sort_values("batch")
-                label = f"{' '.join(name for name in method[:3] if name)}: {method[3]}"
-                (labels[label],) = top.plot(part["batch"], part["us_per_sample"], **style[method])
-                bottom.plot(part["batch"], part["peak_mb"], **style[method])
+            part = part[part["setting"] == part["setting"].iloc[-1]].sort_values("batch")
+            short = _in_short(method)
+            (labels[" ".join(name for name in short if name)],) = top.plot(
+                part["batch"], part["us_per_sample"], **style[short]
+            )
+            bottom.plot(part["batch"], part["peak_mb"], **style[short])
         top.set(xscale="log", yscale="log", title=PANELS[task])
         bottom.set(xscale="log", yscale="log", xlabel="samples at a time [1]")
     panels[0, 0].set_ylabel("time per sample [µs]")
-    panels[1, 0].set_ylabel("memory of a batch [MB]")
+    panels[1, 0].set_ylabel("memory of a call [MB]")
     figure.legend(labels.values(), labels, loc="outside lower center", ncols=3, fontsize=8.5, handlelength=3.4)
     return figure
+
+
+def _in_short(method: Method) -> Method:
+    """The same method in every task: of its setting, what follows a comma."""
+    return (*method[:3], method[3].partition(", ")[2])
 
 
 def over_legs(scaling: pd.DataFrame) -> Figure:

@@ -29,9 +29,9 @@ from stewart_crosscheck.reports.plots import (
 )
 
 ROWS = [
-    ("driving_forces", "analytic", "closed_form", "numpy", "(7), (8)", 1, 100.0, 1e-15),
-    ("driving_forces", "analytic", "closed_form", "numpy", "(7), (8)", 1000, 1.0, 1e-15),
-    ("driving_forces", "analytic", "closed_form", "float", "(7), (8)", 1, 80.0, 1e-15),
+    ("driving_forces", "analytic", "closed_form", "numpy", "(7)-(8)", 1, 100.0, 1e-15),
+    ("driving_forces", "analytic", "closed_form", "numpy", "(7)-(8)", 1000, 1.0, 1e-15),
+    ("driving_forces", "analytic", "closed_form", "float", "(7)-(8)", 1, 80.0, 1e-15),
     ("driving_forces", "mujoco", "kkt", "", "hard loops", 1, 50.0, 2e-15),
     ("driving_forces", "mujoco", "kkt", "", "hard loops", 1000, 20.0, 2e-15),
     ("forward_step", "analytic", "closed_form", "numpy", "form compliance", 1000, 3.0, 1e-15),
@@ -174,9 +174,9 @@ def test_scaling_draws_what_has_more_than_one_batch(scaling: pd.DataFrame) -> No
     figure = over_samples(scaling)
     (legend,) = figure.legends
     assert [t.get_text() for t in legend.get_texts()] == [
-        "analytic closed_form numpy: (7), (8)",
-        "mujoco kkt: hard loops",
-        "mujoco native: mj_forward",
+        "analytic closed_form numpy",
+        "mujoco kkt",
+        "mujoco native",
     ]
 
 

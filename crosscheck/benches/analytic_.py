@@ -23,7 +23,7 @@ from ..roofline import measure
 from ..sweep import LEGS, MANY, Case, Inputs, Plan, Ready, parts
 
 PROBLEMS = {"driving_forces": DRIVING_FORCES, "all_reactions": INVERSE_DYNAMICS, "forward_step": FORWARD_DYNAMICS}
-SETTINGS = {"driving_forces": "(7), (8)", "all_reactions": "(7)-(29)", "forward_step": "smallest form"}
+SETTINGS = {"driving_forces": "(7)-(8)", "all_reactions": "(7)-(29)", "forward_step": "smallest form"}
 
 LOOP = "ControlLoop"
 IN_PLACE = ", in place"
