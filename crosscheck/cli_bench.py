@@ -36,9 +36,8 @@ def bench(
     require_free(out or Path("runs", "RUN_ID"))
     loaded = load_scene(scene)
     progress = console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=progress, transient=True
-    ) as bar:
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=progress, transient=True, disable=not progress.is_terminal) as bar:
         said = [""]
         visits = bar.add_task(f"{loaded.name}: starting", total=None)
 

@@ -230,7 +230,7 @@ def test_run_json_tells_versions_machine_seed_command_and_hashes(full: Run) -> N
     assert set(info["failed"]) == set(MISSING)
     packages = {"python", "numpy", "scipy", "pandas", "stewart-crosscheck", "mujoco", "pin", "dartpy", "python-flint"}
     assert packages <= set(info["versions"])
-    assert set(info["machine"]) == {"system", "processor", "cores"}
+    assert set(info["machine"]) == {"system", "processor", "model", "cores", "usable_cores", "memory_gib"}
     assert info["truth"] == {"samples": 3, "of": 3, "seed": info["truth"]["seed"]}
     assert isinstance(info["truth"]["seed"], int)
     text = (resources.files("stewart_crosscheck.models") / "scenes" / "hexapod.toml").read_bytes()
