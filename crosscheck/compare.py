@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models.scene import Scene
 from .balance import balance
@@ -26,6 +26,9 @@ from .engine import (
 from .scales import scales
 from .tolerance import LIMIT
 from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PASS, FAIL, ERROR, UNSUPPORTED = "pass", "fail", "error", "unsupported"
 
@@ -139,6 +142,8 @@ def agreement(
 
     `where`, `reason` and `share`, the error there over what is allowed, stand beside the published columns.
     """
+    import pandas as pd  # takes long, and engines need none
+
     truth = truth_of(results)
     rows: list[dict] = []
     size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None

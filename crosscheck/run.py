@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models import write_models
 from ..models.scene import Scene, SceneError
@@ -36,6 +36,9 @@ from .processes import run_engines
 from .samples import samples
 from .tolerance import ROUND_OFF, of_forces
 from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
 """Exit statuses of a comparison."""

@@ -9,9 +9,11 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 AGREEMENT_COLUMNS = [
     "run_id", "scene", "trajectory", "engine", "engine_version", "route", "setting", "quantity", "unit",
