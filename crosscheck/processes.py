@@ -19,6 +19,7 @@ import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
 from ..models.scene import Scene
+from .checks import inverse_dynamics
 from .engine import (
     REFERENCE,
     DynamicsResult,
@@ -66,7 +67,9 @@ def dynamics(
 ) -> DynamicsResult:
     """A task: inverse dynamics, or forward dynamics under driving forces."""
     engine = load_engine(name)
-    if F is None:
+    if F is None and name != REFERENCE:
+        return inverse_dynamics(name, engine, scene, models, trajectory)
+    if F is None:  # it chooses its samples itself
         route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
     else:
         assert is_forward(engine)
@@ -121,6 +124,7 @@ class Workers(Generic[K]):
     def __exit__(self, *exception: object) -> None:
         for pool in self._pools.values():
             pool.stop()  # also what still runs after an interrupt
+        for pool in self._pools.values():  # each takes a tenth of a second to notice, all at once
             pool.join()
         self._folder.cleanup()
 
@@ -184,8 +188,8 @@ def run_engines(
                 end(key, Failure("no certified driving forces"))
 
     with Workers[Key](engines, SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)) as workers:
-        for name, engine in engines.items():
-            workers.start(name, (name, engine.route), dynamics, name, scene, models, trajectory, None)
+        for name in sorted(engines, key=lambda name: name != REFERENCE):  # others wait for its driving forces
+            workers.start(name, (name, engines[name].route), dynamics, name, scene, models, trajectory, None)
         if REFERENCE not in engines:
             start_forward(workers, Failure(""))
         for key, result in workers.ended():

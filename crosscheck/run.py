@@ -19,6 +19,7 @@ import numpy as np
 from ..models import write_models
 from ..models.scene import Scene, SceneError
 from . import compare
+from .chosen import SEED
 from .compare import ERROR, FAIL
 from .engine import (
     REFERENCE,
@@ -213,8 +214,6 @@ def _failed(results: dict[Key, DynamicsResult | Failure]) -> dict[str, dict[str,
 def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
     if isinstance(result, Failure):
         return {"samples": 0, "of": nt}
-    from .engines.reference_ import SEED  # its package may be missing
-
     return {"samples": len(result.samples), "of": nt, "seed": SEED}
 
 
