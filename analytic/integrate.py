@@ -37,7 +37,7 @@ def require_times(t: np.ndarray) -> np.ndarray:
 
 
 def _adaptive(f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | None) -> Iterator[np.ndarray]:
-    from scipy.integrate import DOP853  # takes longer than all the rest, and few ask for it
+    from scipy.integrate import DOP853  # half a second, which inverse dynamics need not wait for
 
     solver = DOP853(f, t[0], y, t[-1], rtol=RTOL, atol=ATOL)
     due, steps = 1, 0

@@ -172,13 +172,13 @@ def composed_inertia(scene: Scene, q_s: np.ndarray) -> np.ndarray:
 
 def case_of(scene: Scene, rows: _Rows | Trajectory) -> Case:
     """What is known of a scene's motion without the formulas. Raises EngineError."""
+    from scipy.spatial.transform import Rotation
+
     try:
         reference = load_engine(REFERENCE)(scene)
     except ImportError as e:
         raise EngineError(f"the certified reference is needed and its package is missing: {e}") from None
     truth = _truth(scene, reference.inverse_dynamics(rows))  # pyright: ignore[reportArgumentType] # reads these alone
-    from scipy.spatial.transform import Rotation  # not the project's own rotation
-
     R = Rotation.from_quat(rows.quaternion, scalar_first=True).as_matrix()
     r = np.einsum("tij,nj->tni", R, np.array(scene.pins))
     tip = (rows.position[:, None] - np.array(scene.hull.pins)) + r

@@ -251,7 +251,7 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
             f"{file}: got {len(t)} rows of poses alone, expected at least {SPLINE_ROWS} for the spline, or the columns"
             f" {', '.join(RATES)}"
         )
-    from scipy.interpolate import make_interp_spline  # takes longer than all the rest, and few ask for it
+    from scipy.interpolate import make_interp_spline  # half a second, for those who have poses alone
 
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
     q = q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
