@@ -1,10 +1,13 @@
 """The closed-form formulas: `stewart` is the text, `dynamics` and `forward` run it on arrays of samples.
 
+Inverse dynamics has back ends (`backends`): NumPy, plain floats, or compiled; `ControlLoop` for one sample at a time.
+
 `simulate` and `constrained` integrate in time, `stability` says how errors grow, `assembly` finds the pose of given leg
 lengths.
 """
 
 from .assembly import Assembly, AssemblyError, assemble
+from .compiler import NoCompiler
 from .constrained import ConstrainedSimulation, simulate_constrained
 from .dynamics import (
     Infeasible,
@@ -18,6 +21,7 @@ from .dynamics import (
 )
 from .forward import Accelerations, forward_dynamics
 from .integrate import SimulationError
+from .loop import ControlLoop
 from .orientation import GimbalLock, cardan_from_quaternion, quaternion_from_cardan
 from .simulate import Simulation, State, energies, energy_defect, simulate
 from .stability import growth_rates
@@ -28,12 +32,14 @@ __all__ = [
     "Assembly",
     "AssemblyError",
     "ConstrainedSimulation",
+    "ControlLoop",
     "GimbalLock",
     "Infeasible",
     "InverseDynamics",
     "Leg",
     "LegCoordinates",
     "Load",
+    "NoCompiler",
     "NotDeterminate",
     "Parameters",
     "PlanarParameters",

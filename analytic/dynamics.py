@@ -1,25 +1,32 @@
-"""The formulas of `stewart` on arrays of samples: blocks, condition test, results by name."""
+"""The formulas of `stewart` on arrays of samples: one call for every back end, which all fill the same arrays.
+
+What a back end is in doubt about, singular poses and wrong motions among it, is looked at again by `_careful`, with
+singular values.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from . import planar, stewart
-from .samples import InverseDynamics, LegCoordinates, blocks, stack
-from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_samples
+from .backends import answer
+from .evaluate import DRIVING_FORCES, INVERSE_DYNAMICS, Mechanism, Problem, numbers
+from .samples import InverseDynamics, LegCoordinates, blocks, checked, part
+from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_determined, solve_samples
 from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
 
 
-def _refuse_vertical(legs: list[LegState], first_sample: int, reason: str) -> None:
+def _refuse_vertical(legs: Sequence[LegState], first_sample: int, reason: str) -> None:
     s = np.array([k.s for k in legs])
     leg, sample = np.unravel_index(int(np.argmin(s)), s.shape)
     if not s[leg, sample] * LIMIT >= 1.0:
         raise SingularPose(first_sample + int(sample), int(leg) + 1, "sin q_n", float(s[leg, sample]), reason)
 
 
-def inverse_kinematics(P: Parameters | PlanarParameters, motion: PlatformMotion) -> LegCoordinates:
+def inverse_kinematics(P: Mechanism, motion: PlatformMotion) -> LegCoordinates:
     """Joint coordinates, rates and accelerations of every leg from the platform's motion, (19), (31).
 
     ``motion`` holds arrays (nt, 3) and R (nt, 3, 3). Branch 0 < q_n < pi, q_o in (-pi, pi], continued without jumps.
@@ -32,7 +39,7 @@ def inverse_kinematics(P: Parameters | PlanarParameters, motion: PlatformMotion)
     """
     if isinstance(P, PlanarParameters):
         return planar.inverse_kinematics(P, motion)
-    parts: list[np.ndarray] = []
+    found: list[np.ndarray] = []
     for block, m in blocks(motion):
         legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
         _refuse_vertical(legs, block.start, "the leg is vertical and its base angle undefined")
@@ -41,20 +48,65 @@ def inverse_kinematics(P: Parameters | PlanarParameters, motion: PlatformMotion)
             (np.arctan2(k.so, k.co), np.arctan2(k.s, k.c), k.q_s, h.dq_o, k.dq_n, k.dq_s, h.ddq_o, h.ddq_n, k.ddq_s)
             for k, h in zip(legs, rates, strict=True)
         ]
-        parts.append(np.array(columns))
-    q = np.concatenate(parts, axis=2).transpose(1, 2, 0)
+        found.append(np.array(columns))
+    q = np.concatenate(found, axis=2).transpose(1, 2, 0)
     q[0] = np.unwrap(q[0], axis=0)
     return LegCoordinates(*q)
 
 
-def inverse_dynamics(P: Parameters | PlanarParameters, motion: PlatformMotion) -> InverseDynamics:
-    """Driving forces (7), (8) and joint reactions (23)-(29) for any number of samples; planar: (32), (35).
+def _careful(
+    P: Mechanism, problem: Problem, motion: PlatformMotion, out: np.ndarray, undetermined: np.ndarray, first: int
+) -> None:
+    """As a back end, with the condition of every sample: finds the answer, or the error that there is none."""
+    lever = longest_lever(P.p)
+    for block, m in blocks(motion, first):
+        start = first + block.start
+
+        def solve(rows: Any, right: Any, start: int = start, m: PlatformMotion = m, block: slice = block) -> Any:
+            if isinstance(P, Parameters):
+                return solve_samples(rows, right, lever, start)[0]
+            F, _, undetermined[block] = solve_determined(rows, right, lever, planar.size(P, m, lever), start)
+            return F
+
+        with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name just below
+            if isinstance(P, Parameters) and P.leg.spins:
+                legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
+                _refuse_vertical(legs, start, "a vertical leg with base or spin inertia")
+            found, _ = numbers(P, m, np.sqrt, solve, every=problem is INVERSE_DYNAMICS)
+        for row, x in zip(problem.rows(P), found, strict=True):
+            out[row, block] = x
+
+
+def _evaluate(
+    P: Mechanism,
+    problem: Problem,
+    motion: PlatformMotion,
+    backend: str | None,
+    out: np.ndarray,
+    undetermined: np.ndarray,
+) -> None:
+    """Fill ``out`` (rows, nt) and ``undetermined`` (nt,)."""
+    undetermined[:] = False
+    if len(P.p) != P.equations:
+        _careful(P, problem, motion, out, undetermined, 0)  # says what is determined
+    for block in answer(P, problem, motion, backend, out):
+        _careful(P, problem, part(motion, block), out[:, block], undetermined[block], block.start)
+
+
+def inverse_dynamics(
+    P: Mechanism, motion: PlatformMotion, backend: str | None = None, out: InverseDynamics | None = None
+) -> InverseDynamics:
+    """Driving forces (7), (8) and joint reactions (23)-(29) for any number of samples; planar: (32), (35), (23)-(27).
 
     Parameters
     ----------
     P : Parameters or PlanarParameters
     motion : PlatformMotion
         Arrays, world axes: C_p, dC_p, w_p, ddC_p, dw_p (nt, 3) and R (nt, 3, 3), SI units.
+    backend : ``numpy``, ``float`` or ``compiled``
+        None: plain floats for a single sample, NumPy for more.
+    out : made by `InverseDynamics.zeros`
+        Filled and returned, which spares new memory.
 
     Raises
     ------
@@ -64,42 +116,36 @@ def inverse_dynamics(P: Parameters | PlanarParameters, motion: PlatformMotion) -
         A planar mechanism in a singular state cannot move as prescribed, whatever the forces.
     NotDeterminate
         N is not 6 (planar: 3, or 2 for a point mass); the error carries what is determined.
+    NoCompiler
+        ``compiled`` needs a C compiler.
     ValueError
-        Wrong shape or a value that is not finite.
+        Wrong shape, a value that is not finite, an unknown back end.
     """
-    if isinstance(P, PlanarParameters):
-        return planar.inverse_dynamics(P, motion)
-    parts: list[list[np.ndarray]] = []
-    for block, m in blocks(motion):
-        conditions: list[np.ndarray] = []
-
-        def solve(rows: Any, right: Any, start: int = block.start, out: list[np.ndarray] = conditions) -> Any:
-            X, condition = solve_samples(rows, right, longest_lever(P.p), start)
-            out.append(condition)
-            return X
-
-        with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name just below
-            state = stewart.determined(P, m, np.sqrt)
-        if P.leg.spins:
-            _refuse_vertical(state.legs, block.start, "a vertical leg with base or spin inertia")
-        one = stewart.driven(P, m, state, solve)
-        parts.append(
-            [
-                np.array(one.F).T,
-                *(stack(v) for v in zip(*one.forces, strict=True)),
-                *(stack(v) for v in zip(*one.moments, strict=True)),
-                np.array([k.L for k in one.legs]).T,
-                np.array([k.dq_s for k in one.legs]).T,
-                conditions[0],
-                np.zeros_like(conditions[0], dtype=bool),
-            ]
-        )
-    return InverseDynamics(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    motion = checked(motion)
+    nt, N = len(motion.C_p), len(P.p)
+    if out is None:
+        out = InverseDynamics.zeros(nt, N)
+    elif out.F.shape != (nt, N):
+        raise ValueError(f"out: got arrays of shape {out.F.shape}, expected {(nt, N)}")
+    _evaluate(P, INVERSE_DYNAMICS, motion, backend, out.numbers, out.undetermined)
+    return out
 
 
-def driving_forces(P: Parameters | PlanarParameters, motion: PlatformMotion) -> np.ndarray:
-    """Driving forces, (7), (8). Returns (nt, N) in N, + extends the leg. Errors as `inverse_dynamics`."""
-    return inverse_dynamics(P, motion).F
+def driving_forces(
+    P: Mechanism, motion: PlatformMotion, backend: str | None = None, out: np.ndarray | None = None
+) -> np.ndarray:
+    """Driving forces, (7), (8). Returns (nt, N) in N, + extends the leg. Parameters and errors as `inverse_dynamics`.
+
+    ``out`` (nt, N), of any memory order, is filled and returned; without one, samples are last in memory.
+    """
+    motion = checked(motion)
+    nt, N = len(motion.C_p), len(P.p)
+    if out is None:
+        out = np.empty((N, nt)).T
+    elif out.shape != (nt, N) or out.dtype != float:
+        raise ValueError(f"out: got {out.dtype} of shape {out.shape}, expected float64 of shape {(nt, N)}")
+    _evaluate(P, DRIVING_FORCES, motion, backend, out.T, np.empty(nt, dtype=bool))
+    return out
 
 
 __all__ = [

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import stewart
-from .samples import blocks
+from .backends import answer
+from .evaluate import FORWARD_DYNAMICS, Mechanism
+from .samples import blocks, checked, part
 from .solve import LIMIT, SingularPose, row_scaled
 from .stewart import Equations, LegState, Parameters, PlanarParameters, PlatformMotion, Scalar, SecondProblem
-
-Mechanism = Parameters | PlanarParameters
 
 
 class Form(NamedTuple):
@@ -30,7 +30,7 @@ FORMS = {
     "reduced": Form(stewart.reduced_equations, 0.0, 2.0),  # 1/s^2 in the matrix
     "paper": Form(stewart.paper_equations, 1.0, 1.0),  # q_o'' and q_o'^2 s cancel between (31) and the loads
 }
-"""Forms of (7), (8), (31) by name; the first one is the default."""
+"""Forms of (7), (8), (31) by name."""
 
 PLANAR_FORMS = {
     "compliance": stewart.planar_reduced_equations,  # no planar leg is steep: one form serves for both
@@ -42,14 +42,10 @@ PLANAR_FORMS = {
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Of the platform, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2.
-
-    ``condition`` (nt,): row-scaled, of the form's matrix.
-    """
+    """Of the platform, world axes: ``ddC_p`` (nt, 3) m/s^2, ``dw_p`` (nt, 3) rad/s^2."""
 
     ddC_p: np.ndarray
     dw_p: np.ndarray
-    condition: np.ndarray
 
 
 def _require(good: np.ndarray, values: np.ndarray, first_sample: int, name: str, limit: str) -> None:
@@ -132,7 +128,9 @@ def accelerations(P: Mechanism, motion: PlatformMotion, F: Sequence[float], form
         raise _no_inverse(0, math.inf) from None
 
 
-def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: str = "compliance") -> Accelerations:
+def forward_dynamics(
+    P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: str | None = None, backend: str | None = None
+) -> Accelerations:
     """Platform accelerations under driving forces, for any number of samples and any N >= 1 of legs.
 
     The joint accelerations are those of `inverse_kinematics` once ddC_p, dw_p stand in the motion.
@@ -145,7 +143,10 @@ def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: 
     F : ndarray, shape (nt, N)
         Driving forces [N], + extends the leg.
     form : name of one of `FORMS`
-        ``compliance`` serves steep legs, ``reduced`` is the smallest, ``paper`` is the paper's own (7), (8), (31).
+        ``compliance`` serves steep legs, ``reduced`` is the smallest, ``paper`` is the paper's own (7), (8), (31), by
+        NumPy.  None: the smallest, on a back end; ``compliance`` for blocks where it loses digits.
+    backend : as in `inverse_dynamics`
+        Only without a form.
 
     Raises
     ------
@@ -154,23 +155,36 @@ def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: 
     ArithmeticError
         Row-scaled condition above 1e12.
     ValueError
-        Wrong shape, a value that is not finite, or an unknown form.
+        Wrong shape, a value that is not finite, or an unknown form or back end.
     """
     zero = np.zeros(np.shape(motion.C_p))
-    motion = motion._replace(ddC_p=zero, dw_p=zero)
+    motion = checked(motion._replace(ddC_p=zero, dw_p=zero))
     F = np.asarray(F, dtype=float)
-    expected = (len(zero) if zero.ndim else 0, len(P.p))
+    expected = (len(zero), len(P.p))
     if F.shape != expected:
         raise ValueError(f"F: got shape {F.shape}, expected {expected}: one force per sample and leg")
+    out = np.zeros((6, len(F)))
+    if form is None:
+        inputs = [motion.C_p, motion.R, motion.dC_p, motion.w_p, F]
+        for block in answer(P, FORWARD_DYNAMICS, inputs, backend, out):
+            _in_form("compliance", P, part(motion, block), F[block], out[:, block], block.start)
+    elif backend is None:
+        _in_form(form, P, motion, F, out, 0)
+    else:
+        raise ValueError(f"backend: got {backend!r} together with the form {form!r}, expected one of them")
+    return Accelerations(out[:3].T, out[3:].T)
+
+
+def _in_form(name: str, P: Mechanism, motion: PlatformMotion, F: np.ndarray, out: np.ndarray, first: int) -> None:
+    """Accelerations (6, nt) by one of `FORMS`, refusing what it leaves too few digits for."""
     if not np.isfinite(F).all():
         sample = int(np.argwhere(~np.isfinite(F))[0][0])
-        raise ValueError(f"F: sample {sample} is not finite: {F[sample].tolist()}")
-    conditions: list[np.ndarray] = []
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for block, m in blocks(motion):
+        raise ValueError(f"F: sample {first + sample} is not finite: {F[sample].tolist()}")
+    for block, m in blocks(motion, first):
+        start = first + block.start
 
-        def solve(rows: Any, right: Any, block: slice = block) -> list[np.ndarray]:
-            A = np.empty((block.stop - block.start, len(rows), len(rows)))
+        def solve(rows: Any, right: Any, start: int = start, nt: int = block.stop - block.start) -> list[np.ndarray]:
+            A = np.empty((nt, len(rows), len(rows)))
             for i, row in enumerate(rows):
                 for j, x in enumerate(row):
                     A[:, i, j] = x
@@ -178,11 +192,9 @@ def forward_dynamics(P: Mechanism, motion: PlatformMotion, F: np.ndarray, form: 
             length, condition = row_scaled(A)
             worst = int(np.argmax(condition))
             if not condition[worst] <= LIMIT:
-                raise _no_inverse(block.start + worst, float(condition[worst]))
-            conditions.append(condition)
+                raise _no_inverse(start + worst, float(condition[worst]))
             return list(np.linalg.solve(A / length[..., None], (b / length)[..., None])[..., 0].T)
 
         with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name
-            one = _second_problem(P, m, list(F[block].T), np.sqrt, solve, _guarded(form, block.start))
-        found.append((np.array(one.ddC_p).T, np.array(one.dw_p).T, conditions[-1]))
-    return Accelerations(*(np.concatenate(column) for column in zip(*found, strict=True)))
+            one = _second_problem(P, m, list(F[block].T), np.sqrt, solve, _guarded(name, start))
+        out[:3, block], out[3:, block] = one.ddC_p, one.dw_p

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from .evaluate import VECTORS
 from .stewart import PlatformMotion
 
 BLOCK = 2048
-"""Samples per block, which keeps temporaries small."""
+"""Samples per block: 16 kB an array, so that temporaries stay in the cache and come from the heap."""
+
+LINE = 8
+"""Numbers in a cache line: every row of results starts on one."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,9 @@ class LegCoordinates:
 class InverseDynamics:
     """Driving forces and joint reactions of every leg, world axes, in N and N m.
 
-    ``F, L, dL`` (nt, N); ``F_r, F_s, F_n, F_o, M_s, M_n, M_o`` (nt, N, 3); ``condition`` (nt,): of (7), (8) or (32),
-    (35), moments over the longest lever.  ``undetermined`` (nt,): the equations leave a combination of driving forces
-    free, and F is the shortest vector that fulfils them; only other combinations mean anything (F_1 - F_2 of two
-    collinear legs).
+    ``F, L, dL`` (nt, N); ``F_r, F_s, F_n, F_o, M_s, M_n, M_o`` (nt, N, 3).  ``undetermined`` (nt,): the equations leave
+    a combination of driving forces free, and F is the shortest vector that fulfils them; only other combinations mean
+    anything (F_1 - F_2 of two collinear legs).  ``numbers`` (24 N, nt): what all but that are views of, samples last.
     """
 
     F: np.ndarray
@@ -49,11 +51,21 @@ class InverseDynamics:
     M_o: np.ndarray
     L: np.ndarray
     dL: np.ndarray
-    condition: np.ndarray
     undetermined: np.ndarray
+    numbers: np.ndarray
+
+    @classmethod
+    def zeros(cls, nt: int, N: int) -> InverseDynamics:
+        """Arrays for nt samples of N legs, to be filled, as often as wanted."""
+        columns = -(-nt // LINE) * LINE
+        numbers = np.zeros((N * (3 * len(VECTORS) + 3), columns))[:, :nt]
+        F, vectors, L, dL = np.split(numbers, [N, N * (3 * len(VECTORS) + 1), N * (3 * len(VECTORS) + 2)])
+        F_r, F_s, F_n, F_o, M_s, M_n, M_o = vectors.reshape(len(VECTORS), N, 3, nt).transpose(0, 3, 1, 2)
+        sure = np.zeros(nt, dtype=bool)
+        return cls(F.T, F_r, F_s, F_n, F_o, M_s, M_n, M_o, L.T, dL.T, undetermined=sure, numbers=numbers)
 
 
-def _components(motion: PlatformMotion) -> PlatformMotion:
+def components(motion: PlatformMotion) -> PlatformMotion:
     """Arrays (n, 3), (n, 3, 3) as tuples of contiguous arrays (n,): samples last."""
 
     def vector(a: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -64,8 +76,8 @@ def _components(motion: PlatformMotion) -> PlatformMotion:
     return PlatformMotion(C_p, R, dC_p, w_p, ddC_p, dw_p)
 
 
-def blocks(motion: PlatformMotion) -> Iterator[tuple[slice, PlatformMotion]]:
-    """Check shapes and finiteness, then hand out the motion in blocks of components."""
+def checked(motion: PlatformMotion) -> PlatformMotion:
+    """The motion as arrays of floats. Raises ValueError if a shape is wrong."""
     arrays = PlatformMotion(*(np.asarray(a, dtype=float) for a in motion))
     nt = len(arrays.C_p) if arrays.C_p.ndim else 0
     if nt == 0:
@@ -74,14 +86,32 @@ def blocks(motion: PlatformMotion) -> Iterator[tuple[slice, PlatformMotion]]:
         shape = (nt, 3, 3) if name == "R" else (nt, 3)
         if a.shape != shape:
             raise ValueError(f"motion.{name}: got shape {a.shape}, expected {shape}")
+    return arrays
+
+
+def require_finite(arrays: PlatformMotion, first_sample: int = 0) -> None:
+    """Raise ValueError that names the first sample that is not finite."""
+    for name, a in arrays._asdict().items():
         if not np.isfinite(a).all():
             sample = int(np.argwhere(~np.isfinite(a))[0][0])
-            raise ValueError(f"motion.{name}: sample {sample} is not finite: {a[sample].tolist()}")
-    for start in range(0, nt, BLOCK):
-        block = slice(start, min(start + BLOCK, nt))
-        yield block, _components(PlatformMotion(*(a[block] for a in arrays)))
+            raise ValueError(f"motion.{name}: sample {first_sample + sample} is not finite: {a[sample].tolist()}")
 
 
-def stack(vectors: Any) -> np.ndarray:
-    """A list over legs of vectors of arrays (n,) as (n, N, 3)."""
-    return np.moveaxis(np.array(vectors), -1, 0)
+def parts(nt: int, size: int = BLOCK) -> Iterator[slice]:
+    """Slices of nt samples."""
+    for start in range(0, nt, size):
+        yield slice(start, min(start + size, nt))
+
+
+def part(motion: PlatformMotion, block: slice) -> PlatformMotion:
+    """Some samples of a motion."""
+    return PlatformMotion(*(a[block] for a in motion))
+
+
+def blocks(motion: PlatformMotion, first_sample: int = 0) -> Iterator[tuple[slice, PlatformMotion]]:
+    """The motion in blocks of components. Raises ValueError for a wrong shape or what is not finite."""
+    arrays = checked(motion)
+    for block in parts(len(arrays.C_p)):
+        some = part(arrays, block)
+        require_finite(some, first_sample + block.start)
+        yield block, components(some)

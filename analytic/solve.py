@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -181,23 +181,79 @@ def solve_determined(
     return list(x.T), condition, undetermined
 
 
-def solve_numbers(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
-    """Gaussian elimination with partial pivoting for any numbers with ``+ - * /`` and ``float()``: floats, balls.
+Rows: TypeAlias = list[Any]
+Ordered: TypeAlias = Callable[[int, Rows, Rows], tuple[Rows, Rows]]
+"""``ordered(j, upper, lower)``: both rows, exchanged where the second has the larger number in column j."""
+
+
+def ordered_numbers(j: int, upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
+    """`Ordered` of floats, or of balls by their midpoints."""
+    return (lower, upper) if abs(float(lower[j])) > abs(float(upper[j])) else (upper, lower)
+
+
+def ordered_arrays(j: int, upper: Rows, lower: Rows) -> tuple[Rows, Rows]:
+    """`Ordered` of arrays, sample by sample, from column j on."""
+    exchange = np.abs(lower[j]) > np.abs(upper[j])
+    both = list(zip(upper[j:], lower[j:], strict=True))
+    return [*upper[:j], *(np.where(exchange, b, a) for a, b in both)], [
+        *lower[:j],
+        *(np.where(exchange, a, b) for a, b in both),
+    ]
+
+
+def eliminate(
+    rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar], ordered: Ordered
+) -> tuple[list[Scalar], Scalar]:
+    """Gaussian elimination with partial pivoting for numbers of any kind: solution and, but for its sign, determinant.
 
     Raises
     ------
     ZeroDivisionError
-        A pivot is zero (floats); balls return non-finite balls instead.
+        A pivot is zero (floats); arrays and balls return what is not finite instead.
     """
-    M: list[list[Any]] = [[*row, b] for row, b in zip(rows, right, strict=True)]
+    M: list[Rows] = [[*row, b] for row, b in zip(rows, right, strict=True)]
     n = len(M)
+    determinant: Any = 1.0
     for j in range(n):
-        pivot = max(range(j, n), key=lambda i: abs(float(M[i][j])))
-        M[j], M[pivot] = M[pivot], M[j]
+        for i in range(j + 1, n):
+            M[j], M[i] = ordered(j, M[j], M[i])
+        determinant = determinant * M[j][j]
         for i in range(j + 1, n):
             factor = M[i][j] / M[j][j]
-            M[i] = [a - factor * b for a, b in zip(M[i], M[j], strict=True)]
+            M[i][j + 1 :] = [a - factor * b for a, b in zip(M[i][j + 1 :], M[j][j + 1 :], strict=True)]
     x: list[Any] = [None] * n
     for j in reversed(range(n)):
-        x[j] = (M[j][n] - sum(M[j][i] * x[i] for i in range(j + 1, n))) / M[j][j]
-    return x
+        b = M[j][n]
+        for i in range(j + 1, n):
+            b = b - M[j][i] * x[i]
+        x[j] = b / M[j][j]
+    return x, determinant
+
+
+def eliminate_symmetric(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> tuple[list[Scalar], Scalar]:
+    """Elimination without exchanges, of which a symmetric positive definite system needs none, for numbers of any kind.
+
+    Entries above the diagonal are not read.  Returns the solution, and the determinant over the product of the
+    diagonal: between 0 and 1, and small where rows are nearly dependent.
+    """
+    n = len(right)
+    M, b = [list(row) for row in rows], list(right)
+    share: Any = 1.0
+    for j in range(n):
+        share = share * (M[j][j] / rows[j][j])
+        for i in range(j + 1, n):
+            factor = M[i][j] / M[j][j]
+            for k in range(j + 1, i + 1):
+                M[i][k] = M[i][k] - factor * M[k][j]
+            b[i] = b[i] - factor * b[j]
+    x: list[Any] = [None] * n
+    for j in reversed(range(n)):
+        x[j] = b[j] / M[j][j]
+        for i in range(j + 1, n):
+            x[j] = x[j] - M[i][j] / M[j][j] * x[i]
+    return x, share
+
+
+def solve_numbers(rows: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
+    """Solution of one system of floats or balls, by `eliminate`."""
+    return eliminate(rows, right, ordered_numbers)[0]

@@ -110,6 +110,11 @@ class Parameters:
                 f"got {len(self.p)} platform pins p and {len(self.O)} hull pins O, expected one each per leg"
             )
 
+    @property
+    def equations(self) -> int:
+        """Equations of the platform for the driving forces: (7), (8) have six."""
+        return 6
+
 
 class PlatformMotion(NamedTuple):
     """Pose, twist and acceleration of the platform's centre of mass, world axes. ``R``: rows of R_WP."""
@@ -140,12 +145,12 @@ class NotDeterminate(ValueError):
 # --- Vectors ----------------------------------------------------------------------------------------------------------
 
 
-def add(*vectors: Vector) -> Vector:
+def add(a: Vector, b: Vector, *more: Vector) -> Vector:
     """Sum of vectors."""
-    first, *rest = vectors
-    for b in rest:
-        first = (first[0] + b[0], first[1] + b[1], first[2] + b[2])
-    return first
+    a = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    for b in more:
+        a = (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    return a
 
 
 def sub(a: Vector, b: Vector) -> Vector:
@@ -274,7 +279,7 @@ def loop_printed(k: LegState, O: Vector, C_p: Vector) -> Vector:
 
 def in_world(k: LegState, x: Scalar, y: Scalar, z: Scalar) -> Vector:
     """The vector x x_n + y y_n + z z_n, by (18)."""
-    return add(mul(x, k.x_n), mul(y, k.y_n), mul(z, k.z_n))
+    return add(mul(x, k.x_n), mul(z, k.z_n), mul(y, k.y_n))
 
 
 # --- Statement 1: reaction in the spherical joint, (1)-(6) ------------------------------------------------------------
@@ -591,6 +596,15 @@ class Determined(NamedTuple):
     moments: list[Moments]
 
 
+class Driven(NamedTuple):
+    """Driving forces and what they come from, one entry per leg; X = F - F_is."""
+
+    legs: list[LegState]
+    loads: list[Loads]
+    X: Sequence[Scalar]
+    F: list[Scalar]
+
+
 class FirstProblem(NamedTuple):
     """Driving forces and all joint reactions, one entry per leg."""
 
@@ -607,15 +621,14 @@ def determined(P: Parameters, motion: PlatformMotion, sqrt: Sqrt) -> Determined:
     return Determined(legs, loads, [joint_moments(P.leg, k, load) for k, load in zip(legs, loads, strict=True)])
 
 
-def driven(P: Parameters, motion: PlatformMotion, state: Determined, solve: Solve) -> FirstProblem:
-    """Driving forces by (7), (8), then the joint forces (23)-(26). Raises NotDeterminate unless N = 6."""
-    legs, loads, moments = state
-    if len(legs) != 6:
-        raise NotDeterminate(len(legs), 6, state)
+def driven(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> Driven:
+    """Driving forces by (7), (8). Parameters and errors as `first_problem`."""
+    if len(P.p) != P.equations:
+        raise NotDeterminate(len(P.p), P.equations, determined(P, motion, sqrt))
+    legs = [leg_kinematics(P.leg, p, O, motion, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+    loads = [leg_loads(P.leg, k, P.g) for k in legs]
     X = solve(*platform_equations(P, motion, legs, loads))
-    F = [X_i + load.F_is for X_i, load in zip(X, loads, strict=True)]
-    forces = [joint_forces(P.leg, k, load, X_i, P.g) for k, load, X_i in zip(legs, loads, X, strict=True)]
-    return FirstProblem(legs, F, forces, moments)
+    return Driven(legs, loads, X, [X_i + load.F_is for X_i, load in zip(X, loads, strict=True)])
 
 
 def first_problem(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> FirstProblem:
@@ -633,7 +646,9 @@ def first_problem(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solv
     NotDeterminate
         N is not 6.
     """
-    return driven(P, motion, determined(P, motion, sqrt), solve)
+    legs, loads, X, F = driven(P, motion, sqrt, solve)
+    forces = [joint_forces(P.leg, k, load, X_i, P.g) for k, load, X_i in zip(legs, loads, X, strict=True)]
+    return FirstProblem(legs, F, forces, [joint_moments(P.leg, k, load) for k, load in zip(legs, loads, strict=True)])
 
 
 # --- Planar mechanisms without bases: examples 1 to 3, (32)-(36) ------------------------------------------------------
@@ -694,6 +709,14 @@ class PlanarReactions(NamedTuple):
     F_s: Plane
     F_n: Plane
     M_s: Scalar
+
+
+class PlanarDriven(NamedTuple):
+    """Driving forces of a planar mechanism and what they come from, one entry per leg."""
+
+    legs: list[PlanarLegState]
+    loads: list[PlanarLoads]
+    F: list[Scalar]
 
 
 class PlanarProblem(NamedTuple):
@@ -844,6 +867,15 @@ def planar_reactions(leg: Leg, k: PlanarLegState, loads: PlanarLoads, F: Scalar,
     return PlanarReactions(F_r, F_s, F_n, leg.J_sx * k.ddq_n - leg.a * loads.M_in / k.L)  # (27)
 
 
+def planar_driven(P: PlanarParameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> PlanarDriven:
+    """Driving forces by (32) or (35). Parameters and errors as `planar_problem`."""
+    legs = [planar_leg_kinematics(P.leg, p, O, motion, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+    loads = [planar_loads(P.leg, k, P.g) for k in legs]
+    if len(legs) != P.equations:
+        raise NotDeterminate(len(legs), P.equations, (legs, loads))
+    return PlanarDriven(legs, loads, list(solve(*planar_platform_equations(P, motion, legs, loads))))
+
+
 def planar_problem(P: PlanarParameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> PlanarProblem:
     """Inverse dynamics of a planar mechanism: F by (32) or (35), joint reactions by (23)-(25), (27).
 
@@ -854,13 +886,9 @@ def planar_problem(P: PlanarParameters, motion: PlatformMotion, sqrt: Sqrt, solv
     NotDeterminate
         N is not 3, or not 2 for a point mass.
     """
-    legs = [planar_leg_kinematics(P.leg, p, O, motion, sqrt) for p, O in zip(P.p, P.O, strict=True)]
-    loads = [planar_loads(P.leg, k, P.g) for k in legs]
-    if len(legs) != P.equations:
-        raise NotDeterminate(len(legs), P.equations, (legs, loads))
-    F = solve(*planar_platform_equations(P, motion, legs, loads))
+    legs, loads, F = planar_driven(P, motion, sqrt, solve)
     reactions = [planar_reactions(P.leg, k, load, F_i, P.g) for k, load, F_i in zip(legs, loads, F, strict=True)]
-    return PlanarProblem(legs, list(F), reactions)
+    return PlanarProblem(legs, F, reactions)
 
 
 def planar_screw(k: PlanarLegState, n: Plane) -> tuple[Scalar, Scalar, Scalar]:
@@ -900,7 +928,7 @@ def planar_reduced_equations(
         for factor, n in ((J_q / (k.L * k.L), (k.c, k.s)), (P.leg.m_s, (-k.s, k.c))):
             d = planar_screw(k, n)[: len(rows)]
             rows = [
-                [a + factor * d_i * d_j for a, d_j in zip(row, d, strict=True)]
+                [a + factor * (d_i * d_j) for a, d_j in zip(row, d, strict=True)]
                 for row, d_i in zip(rows, d, strict=True)
             ]
     return rows, right
@@ -1030,7 +1058,7 @@ class Bordered(NamedTuple):
 
 def plus_dyad(rows: list[list[Scalar]], k: Scalar, d: Sequence[Scalar]) -> list[list[Scalar]]:
     """Matrix + k d d^T."""
-    return [[a + k * d_i * d_j for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
+    return [[a + k * (d_i * d_j) for a, d_j in zip(row, d, strict=True)] for row, d_i in zip(rows, d, strict=True)]
 
 
 def bordered(P: Parameters, motion: PlatformMotion, legs: Sequence[LegState], F: Sequence[Scalar]) -> Bordered:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stewart_crosscheck.analytic import Parameters, PlatformMotion
+from stewart_crosscheck.analytic import Parameters, PlatformMotion, forward
+from stewart_crosscheck.analytic.solve import row_scaled
 from stewart_crosscheck.crosscheck.checks import checks, longest_leg
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, Engine, Failure, Key, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
@@ -74,6 +75,20 @@ def parameters(scene: Scene) -> Parameters:
 def one_sample(motion: PlatformMotion, k: int) -> PlatformMotion:
     """Sample k of a motion as plain floats."""
     return PlatformMotion(*(np.asarray(a)[k].tolist() for a in motion))
+
+
+@pytest.fixture
+def conditions(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """Conditions of the forms of the second problem, as they are solved; none where a back end is beyond doubt."""
+    found: list[np.ndarray] = []
+
+    def recorded(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        length, condition = row_scaled(A)
+        found.append(condition)
+        return length, condition
+
+    monkeypatch.setattr(forward, "row_scaled", recorded)
+    return found
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ MAY_IMPORT_FORMULAS = {
     "crosscheck/trajectory.py",
     "crosscheck/audit.py",  # puts the formulas' own table beside certified truth
 }
-NO_FORMULAS = {"analytic.integrate", "analytic.solve"}
-"""Time integration of any y' = f(t, y), and linear systems with their condition: they know no mechanism."""
+NO_FORMULAS = {"analytic.integrate", "analytic.solve", "analytic.compiler"}
+"""Time integration of any y' = f(t, y), linear systems with their condition, any C source: they know no mechanism."""
 
 
 def imports(path: Path, root: Path = ROOT) -> set[str]:

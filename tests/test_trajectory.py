@@ -9,9 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import parameters
 from scipy.spatial.transform import Rotation
 
 from stewart_crosscheck import analytic
+from stewart_crosscheck.analytic import stewart
+from stewart_crosscheck.analytic.samples import components
+from stewart_crosscheck.analytic.solve import conditioned, longest_lever
 from stewart_crosscheck.crosscheck import quaternions
 from stewart_crosscheck.crosscheck.trajectory import (
     POSE,
@@ -279,9 +283,12 @@ def test_spaces_crlf_blank_lines_and_a_byte_order_mark_do_not_matter(hexapod: Sc
 
 def test_condition_is_that_of_the_driving_force_equations(hexapod: Scene) -> None:
     trajectory = from_scene(hexapod, 21)
-    formulas = analytic.inverse_dynamics(hexapod.parameters, trajectory.motion)
+    P = parameters(hexapod)
+    legs, loads, _ = stewart.determined(P, components(trajectory.motion), np.sqrt)
+    rows, _ = stewart.platform_equations(P, components(trajectory.motion), legs, loads)
+    condition = conditioned(np.moveaxis(np.array(rows), -1, 0), longest_lever(P.p))[1]
     # 1e-10: two ways to the rows, each good to 1e-15, times the condition of up to 8
-    np.testing.assert_allclose(trajectory.condition, formulas.condition, rtol=1e-10)
+    np.testing.assert_allclose(trajectory.condition, condition, rtol=1e-10)
     smallest = np.min([np.sin(trajectory.q[f"n{i}"]) for i in hexapod.legs], axis=0)
     np.testing.assert_allclose(trajectory.sin_q_n, smallest, rtol=1e-14)  # an arctan and a sine
     assert np.ptp(trajectory.condition) > 0.1  # it changes along the motion: no constant passes

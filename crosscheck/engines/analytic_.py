@@ -37,16 +37,17 @@ class AnalyticEngine:
 
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         self.scene = scene
+        self.backend = "numpy"
 
     def inverse_dynamics(self, trajectory: Trajectory) -> DynamicsResult:
         """Driving forces (7), (8) and joint reactions (23)-(29)."""
         start = perf_counter()
-        D = analytic.inverse_dynamics(self.scene.parameters, trajectory.motion)
+        D = analytic.inverse_dynamics(self.scene.parameters, trajectory.motion, self.backend)
         return DynamicsResult(
             engine=self.name,
             version=engine_version(type(self)) or "",
             route=self.route,
-            setting="numpy",
+            setting=self.backend,
             samples=np.arange(len(trajectory.t)),
             F=D.F,
             reactions=by_joint(self.scene, vars(D)),
