@@ -71,6 +71,10 @@ def answer(
 
     Without a name of a back end: plain floats for a single sample, NumPy for more.
     """
+    try:
+        hash(P)
+    except TypeError:
+        raise ValueError("P: got lists or arrays in it, expected numbers and tuples of numbers") from None
     nt = out.shape[1]
     made = back_end(backend or ("float" if nt == 1 else "numpy"), P, problem)
     for start in range(0, nt, made.size):

@@ -4,7 +4,8 @@ Voynov, Telegin, Timofeev 2016, DOI 10.14529/ctcr160403: the numbers (1)-(36) an
 
 One text for every kind of number.  A vector is a tuple of three components; the text uses ``+ - * /`` and a square
 root that is passed in, nothing else.  The same lines therefore run on Python floats, on NumPy arrays (samples along
-the last axis) and on ball arithmetic; trigonometry never appears, because s, c, s_o, c_o are ratios of lengths.
+the last axis), on long double, on ball arithmetic, and on traced numbers, whose list of operations is run by NumPy or
+compiled (`backends`); trigonometry never appears, because s, c, s_o, c_o are ratios of lengths.
 
 Where the paper's line cancels, a form without cancellation is used and the printed line stands beside it, under its
 own number; the two are held equal by a test.

@@ -145,6 +145,9 @@ def test_wrong_arrays_are_refused(hexapod: Scene, trajectory: Trajectory) -> Non
         analytic.driving_forces(P, motion, out=np.zeros((21, 6), dtype=int))
     with pytest.raises(ValueError, match=r"out: got arrays of shape \(5, 6\), expected \(21, 6\)"):
         analytic.inverse_dynamics(P, motion, out=InverseDynamics.zeros(5, 6))
+    lists = replace(parameters(hexapod), p=[list(p) for p in parameters(hexapod).p])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="P: got lists or arrays in it, expected numbers and tuples of numbers"):
+        analytic.driving_forces(lists, motion)
     with pytest.raises(ValueError, match="backend: got 'fast', expected one of numpy, float, compiled"):
         analytic.driving_forces(P, motion, "fast")
 
