@@ -117,7 +117,7 @@ class KktEngine(ABC):
                 part = slice(first, first + BLOCK)
                 blocks.append(self._block(State(*(x[part] for x in state)), trajectory.undetermined[part]))
             except EngineError as e:
-                raise EngineError(f"{e} (counted from sample {first})") from None
+                raise EngineError(f"{e} (counted from sample {first})" if first else str(e)) from None
         F, reactions, L, dL, *gaps = (np.concatenate(column) for column in zip(*blocks, strict=True))
         loops: dict[str, np.ndarray] = {}
         loops.update(zip(LOOPS, gaps, strict=True))
