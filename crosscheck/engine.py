@@ -220,6 +220,9 @@ def engine_version(engine: type[Engine]) -> str | None:
 def require_finite(engine: str, **arrays: np.ndarray) -> None:
     """Raise EngineError that names the array and the sample of the first value that is not finite."""
     for name, values in arrays.items():
+        with np.errstate(over="ignore", invalid="ignore"):
+            if np.isfinite(values.sum()):  # ten times as fast as to look at each
+                continue
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             raise EngineError(f"{engine}: {name} is not finite at sample {bad[0][0]}")

@@ -6,7 +6,8 @@ The engine's own model file, mass matrix, bias, Jacobians and recursive Newton-E
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cached_property
 from time import perf_counter
 from typing import ClassVar, NamedTuple
 
@@ -15,20 +16,11 @@ import numpy as np
 from ..models.scene import Scene
 from . import wrench
 from .engine import LOOPS, DynamicsResult, EngineError, ModelFacts, engine_version, require_finite
+from .loop_forces import Layout, forces
 from .trajectory import Trajectory
 
-BLOCK = 2000
-"""Samples at a time: one block of matrices takes some 30 MB."""
-
-
-RANK = 1e-12
-"""Singular values below this share of the largest count as zero: rounding of the matrix is 1e-16."""
-
-FEASIBLE = 1e-10
-"""Residual of a singular system, over its right side or the weight of all bodies, that is still rounding.
-
-A trajectory's own motion is feasible to 1e-14; what is above this is another model.
-"""
+BLOCK = 200
+"""Samples at a time: their matrices stay in the cache."""
 
 
 class State(NamedTuple):
@@ -39,14 +31,40 @@ class State(NamedTuple):
     a: np.ndarray
 
 
-class Terms(NamedTuple):
-    """What an engine assembles for every sample.
+class Assembly(NamedTuple):
+    """What an engine assembles for the solve.
 
     ``tau`` (nt, nv): M a + h less the load, N or N m.  ``J`` (nt, nc, nv): loop Jacobian, rows (rod's tip) -
-    (platform's pin) along `Scene.loop_axes`.  ``gap, gap_acceleration`` (nt, N, 3): the same difference of positions
-    and of accelerations, world axes.
-    ``L, dL`` (nt, N): leg lengths and rates from the engine's positions and velocities.
+    (platform's pin) along `Scene.loop_axes`.  ``tree`` (nt, nl, 6): wrenches of `scene.joints` that are not cut, as if
+    no loop held a force; ``lever`` (nt, nl, 3): from each one's point to its rod's tip, world axes.
     """
+
+    tau: np.ndarray
+    J: np.ndarray
+    tree: np.ndarray = np.empty(0)
+    lever: np.ndarray = np.empty(0)
+
+
+class Loops(NamedTuple):
+    """What an engine's own model says of the loops.
+
+    ``gap, gap_acceleration`` (nt, N, 3): difference (rod's tip) - (platform's pin) of positions and of accelerations,
+    world axes.  ``L, dL`` (nt, N): leg lengths and rates from the engine's positions and velocities.
+    """
+
+    gap: np.ndarray
+    gap_acceleration: np.ndarray
+    L: np.ndarray
+    dL: np.ndarray
+
+    @classmethod
+    def empty(cls, nt: int, N: int) -> Loops:
+        """Arrays to fill."""
+        return cls(*(np.empty(shape) for shape in ((nt, N, 3), (nt, N, 3), (nt, N), (nt, N))))
+
+
+class Terms(NamedTuple):
+    """`Assembly` and `Loops` side by side."""
 
     tau: np.ndarray
     J: np.ndarray
@@ -54,13 +72,6 @@ class Terms(NamedTuple):
     gap_acceleration: np.ndarray
     L: np.ndarray
     dL: np.ndarray
-
-    @classmethod
-    def empty(cls, nt: int, nv: int, scene: Scene) -> Terms:
-        """Arrays to fill."""
-        N = scene.N
-        shapes = ((nt, nv), (nt, scene.nc, nv), (nt, N, 3), (nt, N, 3), (nt, N), (nt, N))
-        return cls(*(np.empty(shape) for shape in shapes))
 
 
 class KktEngine(ABC):
@@ -93,12 +104,17 @@ class KktEngine(ABC):
         """State of every sample in the engine's conventions."""
 
     @abstractmethod
-    def terms(self, state: State) -> Terms:
-        """Assemble every sample."""
+    def assemble(self, state: State, with_tree: bool = False) -> Assembly:
+        """What the solve needs of every sample, and the wrenches of the open tree if they are asked for."""
 
     @abstractmethod
-    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """Wrenches (nt, tree joints, 6) of `scene.joints` that are not cut, given the loop forces (nt, N, 3)."""
+    def gaps(self, state: State) -> Loops:
+        """Gaps of the loops and lengths of the legs of every sample."""
+
+    def terms(self, state: State) -> Terms:
+        """Both, without the wrenches."""
+        tau, J, *_ = self.assemble(state)
+        return Terms(tau, J, *self.gaps(state))
 
     def require_nv(self, nv: int) -> None:
         """Raise EngineError unless the model has as many velocities as the scene."""
@@ -111,14 +127,7 @@ class KktEngine(ABC):
         state = self.state(trajectory)
         nt = len(state.q)
         require_finite(self.name, q=state.q, v=state.v, a=state.a)
-        blocks = []
-        for first in range(0, nt, BLOCK):
-            try:
-                part = slice(first, first + BLOCK)
-                blocks.append(self._block(State(*(x[part] for x in state)), trajectory.undetermined[part]))
-            except EngineError as e:
-                raise EngineError(f"{e} (counted from sample {first})" if first else str(e)) from None
-        F, reactions, L, dL, *gaps = (np.concatenate(column) for column in zip(*blocks, strict=True))
+        F, reactions, L, dL, *gaps = in_blocks(self._block, state, trajectory.undetermined)
         loops: dict[str, np.ndarray] = {}
         loops.update(zip(LOOPS, gaps, strict=True))
         return DynamicsResult(
@@ -136,22 +145,83 @@ class KktEngine(ABC):
             seconds=perf_counter() - start,
         )
 
+    def driving_forces(self, state: State, undetermined: np.ndarray | None = None) -> np.ndarray:
+        """F (nt, na) [N] and nothing else. `undetermined` (nt,): as in `solve`, by default no sample is."""
+
+        def answer(state: State, undetermined: np.ndarray) -> tuple[np.ndarray, ...]:
+            return self._held(self.assemble(state), undetermined)
+
+        return in_blocks(answer, state, _flags(state, undetermined))[0]
+
+    def all_reactions(self, state: State, undetermined: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """F (nt, na) and the wrenches (nt, nj, 6) of `scene.joints`, likewise."""
+
+        def answer(state: State, undetermined: np.ndarray) -> tuple[np.ndarray, ...]:
+            assembly = self.assemble(state, with_tree=True)
+            F, loop_forces = self._held(assembly, undetermined)
+            return F, self._carried(assembly, loop_forces)
+
+        F, reactions = in_blocks(answer, state, _flags(state, undetermined))
+        return F, reactions
+
+    def joint_reactions(self, state: State, loop_forces: np.ndarray) -> np.ndarray:
+        """Wrenches (nt, nj, 6) of `scene.joints` at given accelerations and loop forces (nt, N, 3)."""
+        return self._carried(self.assemble(state, with_tree=True), loop_forces)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Whose velocity is which."""
+        return Layout.of(self.scene, {name: self.velocity_index(name) for name in self.scene.coordinates})
+
+    def _held(self, assembly: Assembly, undetermined: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """F (nt, na) and loop forces (nt, N, 3)."""
+        scene, nt = self.scene, len(assembly.tau)
+        weight = sum(body.mass for body in scene.bodies) * float(np.linalg.norm(scene.gravity))
+        F, multipliers = forces(self.name, assembly.tau, assembly.J, self.layout, undetermined, weight)
+        loop_forces = np.zeros((nt, scene.N, 3))
+        loop_forces[..., : len(scene.loop_axes)] = multipliers.reshape(nt, scene.N, -1)
+        return F, loop_forces
+
+    def _carried(self, assembly: Assembly, loop_forces: np.ndarray) -> np.ndarray:
+        """Wrenches (nt, nj, 6): a loop's force on the tip is taken from every joint of its leg."""
+        joints = self.scene.joints
+        cut = np.array([j.cut for j in joints])
+        leg = [j.leg - 1 for j in joints if not j.cut]
+        out = np.empty((len(loop_forces), len(cut), 6))
+        out[:, ~cut] = wrench.less_force(assembly.tree, loop_forces[:, leg], assembly.lever)
+        out[:, cut] = wrench.of_loop(loop_forces)
+        return out
+
     def _block(self, state: State, undetermined: np.ndarray) -> tuple[np.ndarray, ...]:
         """F, reactions, L, dL and the gaps at position, velocity and acceleration level of some samples."""
-        terms = self.terms(state)
-        joints = self.scene.joints
-        actuated = [self.velocity_index(c) for j in joints if j.actuated for c in j.coordinates]
-        weight = sum(body.mass for body in self.scene.bodies) * float(np.linalg.norm(self.scene.gravity))
-        F, held = solve(self.name, terms.tau, terms.J, actuated, undetermined, weight)
-        axes = list(self.scene.loop_axes)
-        multipliers, gap_velocity = np.zeros_like(terms.gap), np.zeros_like(terms.gap)
-        multipliers[..., axes] = held.reshape(len(F), -1, len(axes))
-        gap_velocity[..., axes] = np.einsum("tij,tj->ti", terms.J, state.v).reshape(len(F), -1, len(axes))
-        cut = np.array([j.cut for j in joints])
-        reactions = np.empty((len(F), len(cut), 6))
-        reactions[:, ~cut] = self.reactions(state, multipliers)
-        reactions[:, cut] = wrench.of_loop(multipliers)
-        return F, reactions, terms.L, terms.dL, terms.gap, gap_velocity, terms.gap_acceleration
+        assembly, loops = self.assemble(state, with_tree=True), self.gaps(state)
+        F, loop_forces = self._held(assembly, undetermined)
+        gap_velocity = np.zeros_like(loops.gap)
+        rates = np.einsum("tij,tj->ti", assembly.J, state.v)
+        gap_velocity[..., : len(self.scene.loop_axes)] = rates.reshape(len(F), self.scene.N, -1)
+        reactions = self._carried(assembly, loop_forces)
+        return F, reactions, loops.L, loops.dL, loops.gap, gap_velocity, loops.gap_acceleration
+
+
+def _flags(state: State, undetermined: np.ndarray | None) -> np.ndarray:
+    return np.zeros(len(state.q), dtype=bool) if undetermined is None else undetermined
+
+
+def in_blocks(
+    answer: Callable[[State, np.ndarray], tuple[np.ndarray, ...]], state: State, other: np.ndarray
+) -> list[np.ndarray]:
+    """What `answer` says of a state and another array (nt, ...), block by block, put together.
+
+    EngineError says from which sample it counts.
+    """
+    blocks = []
+    for first in range(0, len(other), BLOCK):
+        part = slice(first, first + BLOCK)
+        try:
+            blocks.append(answer(State(*(x[part] for x in state)), other[part]))
+        except EngineError as e:
+            raise EngineError(f"{e} (counted from sample {first})" if first else str(e)) from None
+    return [np.concatenate(column) for column in zip(*blocks, strict=True)]
 
 
 def tree_facts(masses: Mapping[str, float], velocities: int, rows: int) -> ModelFacts:
@@ -159,69 +229,3 @@ def tree_facts(masses: Mapping[str, float], velocities: int, rows: int) -> Model
     massless = [name for name, mass in masses.items() if mass == 0.0]
     floor = (f"links of zero mass, which URDF wants between two joints: {len(massless)}",) if massless else ()
     return ModelFacts(len(masses) - len(massless), len(massless), velocities, rows, sum(masses.values()), floor)
-
-
-def solve(
-    engine: str, tau: np.ndarray, J: np.ndarray, actuated: list[int], undetermined: np.ndarray, weight: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Solve [S J^T] [F; lambda] = tau for every sample.
-
-    Parameters
-    ----------
-    engine : name, for errors.
-    tau, J : ndarray, shapes (nt, nv), (nt, nc, nv)
-        As in `Terms`.
-    actuated : velocity index of each actuated joint.
-    undetermined : ndarray of bool, shape (nt,)
-        Samples whose matrix is expected to lack one rank: F is the shortest that the equations allow.
-    weight : of all bodies [N], which may cancel in tau.
-
-    Returns
-    -------
-    F : ndarray, shape (nt, na)
-    multipliers : ndarray, shape (nt, nc)
-
-    Raises
-    ------
-    EngineError
-        nv is not na + nc, a term is not finite, the matrix is singular, or not as singular as expected, or no forces
-        give the motion.
-    """
-    nt, nc, nv = J.shape
-    na = len(actuated)
-    if nv != na + nc:
-        raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
-    require_finite(engine, tau=tau, J=J)
-    K = np.zeros((nt, nv, nv))
-    K[:, actuated, range(na)] = 1.0
-    K[:, :, na:] = J.transpose(0, 2, 1)
-    length = np.linalg.norm(K, axis=2, keepdims=True)  # rows of hinges are moments, rows of slides are forces
-    length[length == 0.0] = 1.0
-    K, b = K / length, tau / length[..., 0]
-    x = np.empty_like(b)
-    try:
-        x[~undetermined] = np.linalg.solve(K[~undetermined], b[~undetermined, :, None])[..., 0]
-    except np.linalg.LinAlgError:
-        sign, _ = np.linalg.slogdet(K[~undetermined])  # the same factors: a pivot is zero
-        sample = np.flatnonzero(~undetermined)[np.argmax(sign == 0.0)]
-        raise EngineError(
-            f"{engine}: sample {sample}: the {nv} x {nv} matrix of actuators and loops is singular"
-        ) from None
-    for k in np.flatnonzero(undetermined):
-        x[k] = _shortest(engine, int(k), K[k], b[k], na, weight)
-    require_finite(engine, forces=x)
-    return x[:, :na], x[:, na:]
-
-
-def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int, weight: float) -> np.ndarray:
-    """Solution of a system of one rank too few with the shortest F. Raises EngineError."""
-    U, sigma, Vh = np.linalg.svd(K)
-    rank = int((sigma > RANK * sigma[0]).sum())
-    if rank != len(b) - 1:
-        raise EngineError(f"{engine}: sample {sample}: got rank {rank}, expected {len(b) - 1} of {len(b)}")
-    x = Vh[:rank].T @ ((U.T @ b)[:rank] / sigma[:rank])
-    residual = float(np.abs(K @ x - b).max())
-    if residual > FEASIBLE * max(np.abs(b).max(), weight):
-        raise EngineError(f"{engine}: sample {sample}: no forces give this motion: residual {residual:.6g} (N or N m)")
-    free = Vh[rank]
-    return x - free * (free[:na] @ x[:na]) / (free[:na] @ free[:na])

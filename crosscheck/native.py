@@ -14,14 +14,30 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from . import wrench
 from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
-from .kkt import KktEngine, State, Terms
+from .kkt import KktEngine, State, Terms, in_blocks
 from .trajectory import Trajectory
 
 CLOSED = 1e-9
 """Gap of a loop, over the leg, and its rate, over the speeds that add up in it, which is still a closed one: rounding
 is below 1e-14, and a solver would pull a loop together that is open by more."""
+
+
+SUSPECT = 1e10
+"""Largest diagonal entry over the smallest pivot, which is no more than the condition, and less by a few hundreds."""
+
+
+class Free(NamedTuple):
+    """What the hard system is made of: M a + h = S F + J^T lambda, J a + drift = 0.
+
+    ``M`` (nt, nv, nv): the engine's mass matrix.  ``h`` (nt, nv): its bias less the load.  ``J`` (nt, nc, nv) as in
+    `Assembly`; ``drift`` (nt, nc): dJ v.
+    """
+
+    M: np.ndarray
+    h: np.ndarray
+    J: np.ndarray
+    drift: np.ndarray
 
 
 class Hard(NamedTuple):
@@ -68,39 +84,46 @@ class SolverEngine(KktEngine):
         """The solver's name and what it was set to."""
 
     @abstractmethod
-    def mass_matrix(self, state: State) -> np.ndarray:
-        """The engine's mass matrix (nt, nv, nv) at positions (nt, nq)."""
-
-    @abstractmethod
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
         """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations, as in `hard`."""
+
+    @abstractmethod
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations (nt, nv) under driving forces (nt, na) by the engine's own solver, as its knobs are set."""
 
     @abstractmethod
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """Acceleration and angular acceleration (nt, 6) of the platform, world axes, from accelerations (nt, nv)."""
 
-    def actuated(self) -> list[int]:
-        """Velocity index of each actuated joint, leg by leg."""
-        return [self.velocity_index(c) for j in self.scene.joints if j.actuated for c in j.coordinates]
+    @abstractmethod
+    def free(self, state: State) -> Free:
+        """Assemble the hard system of every sample; accelerations are not read."""
 
-    def hard(self, state: State, terms: Terms, F: np.ndarray) -> Hard:
-        """Solution of the hard system under driving forces (nt, na). Raises EngineError where it has none.
+    def accelerate(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations (nt, nv) under driving forces (nt, na): hard loops. Raises EngineError where it has none."""
+        return in_blocks(lambda state, F: self._responded(self.free(state), F), state, F)[0]
 
-        `terms` of zero accelerations have the bias h less the load in ``tau`` and dJ v in ``gap_acceleration``.
-        """
-        force = -terms.tau
-        force[:, self.actuated()] += F
-        closure = -terms.gap_acceleration[..., list(self.scene.loop_axes)].reshape(len(F), -1)
-        M = self.mass_matrix(state)
-        A = mobility(M, terms.J)
-        of_A = condition(A)
-        singular = np.flatnonzero(~(of_A < 1.0 / np.finfo(float).eps))
+    def hard(self, state: State, F: np.ndarray) -> Hard:
+        """Solution of the hard system under driving forces (nt, na). Raises EngineError where it has none."""
+        free = self.free(state)
+        a, multipliers, A = self._responded(free, F)
+        return Hard(free.M, A, condition(A), a, multipliers)
+
+    def _responded(self, free: Free, F: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations, multipliers and mobility."""
+        force = -free.h
+        force[:, self.layout.actuated] += F
+        inverse = np.linalg.solve(free.M, np.concatenate([free.J.transpose(0, 2, 1), force[..., None]], axis=2))
+        A = free.J @ inverse[..., :-1]
+        singular = np.flatnonzero(~(nearly_singular(A) < 1.0 / np.finfo(float).eps))
         if len(singular):
             raise EngineError(
                 f"{self.name}: sample {singular[0]}: the loops' matrix J M^-1 J^T is singular: masses or moments of"
                 " inertia are too unequal for float64"
             )
-        return Hard(M, A, of_A, *response(M, terms.J, A, force, closure))
+        own = inverse[..., -1:]
+        multipliers = np.linalg.solve(A, -free.drift[..., None] - free.J @ own)
+        return (own + inverse[..., :-1] @ multipliers)[..., 0], multipliers[..., 0], A
 
     def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
         """Accelerations and joint reactions under driving forces (nt, N), and their law. Raises EngineError."""
@@ -110,14 +133,14 @@ class SolverEngine(KktEngine):
         require_finite(self.name, q=state.q, v=state.v, F=F)
         terms = self.terms(state)
         require_closed(self.name, terms, state.v)
-        hard = self.hard(state, terms, F)
+        hard = self.hard(state, F)
         answer = self.answer(state, terms, F, hard)
         require_finite(self.name, a=answer.a, loop_forces=answer.loop_forces)
         axes = list(self.scene.loop_axes)
         da, dl = response(hard.M, terms.J, hard.A, answer.force_defect, answer.closure_defect)
         loop_error = np.zeros_like(answer.loop_forces)
         loop_error[..., axes] = dl.reshape(len(dl), -1, len(axes))
-        reactions = self._all_reactions(state, answer.a, answer.loop_forces)
+        reactions = self.joint_reactions(state._replace(a=answer.a), answer.loop_forces)
         platform = self.platform_acceleration(trajectory, answer.a)
         return DynamicsResult(
             engine=self.name,
@@ -135,19 +158,12 @@ class SolverEngine(KktEngine):
             valid=answer.valid,
             mobility=hard.condition,
             predicted={  # both are affine in what the solver answers
-                "reactions": self._all_reactions(state, answer.a + da, answer.loop_forces + loop_error) - reactions,
+                "reactions": self.joint_reactions(state._replace(a=answer.a + da), answer.loop_forces + loop_error)
+                - reactions,
                 "platform": self.platform_acceleration(trajectory, answer.a + da) - platform,
             },
             seconds=perf_counter() - start,
         )
-
-    def _all_reactions(self, state: State, a: np.ndarray, loop_forces: np.ndarray) -> np.ndarray:
-        """Reactions (nt, nj, 6) by the engine's recursion from accelerations and loop forces."""
-        cut = np.array([j.cut for j in self.scene.joints])
-        out = np.empty((len(a), len(cut), 6))
-        out[:, ~cut] = self.reactions(State(state.q, state.v, a), loop_forces)
-        out[:, cut] = wrench.of_loop(loop_forces)
-        return out
 
 
 def in_plane(a: np.ndarray) -> np.ndarray:
@@ -184,6 +200,18 @@ def condition(A: np.ndarray) -> np.ndarray:
     out = np.full(len(A), np.inf)
     if finite.any():
         out[finite] = np.linalg.cond(A[finite])
+    return out
+
+
+def nearly_singular(A: np.ndarray) -> np.ndarray:
+    """`condition` (nt,) where the pivots of Cholesky's factors let it be large, 1 elsewhere."""
+    out = np.ones(len(A))
+    try:
+        pivots = np.einsum("tii->ti", np.linalg.cholesky(A)) ** 2
+        suspect = ~(np.einsum("tii->ti", A).max(axis=1) < SUSPECT * pivots.min(axis=1))
+    except np.linalg.LinAlgError:
+        suspect = np.ones(len(A), dtype=bool)
+    out[suspect] = condition(A[suspect])
     return out
 
 

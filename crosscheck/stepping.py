@@ -153,11 +153,6 @@ class SteppingEngine(SolverEngine):
             *(Method(*own, steps, cls.native_order, accelerates=False) for steps in (n, 2 * n)),  # `run` has them
         )
 
-    def accelerate(self, state: State, F: np.ndarray) -> np.ndarray:
-        """Accelerations (nt, nv) under driving forces (nt, N): the engine's terms, hard loops."""
-        state = State(state.q, state.v, np.zeros_like(state.v))
-        return self.hard(state, self.terms(state), F).a
-
     def accelerations(self, method: Method, trajectory: Trajectory, F: np.ndarray) -> np.ndarray:
         """Acceleration and angular acceleration (nt, 6) of the platform at given states, on the route `kkt`."""
         a = self.accelerate(self.state(trajectory), F)
@@ -197,7 +192,7 @@ class SteppingEngine(SolverEngine):
         require_finite(self.name, q=state.q, v=state.v)
         state = State(state.q, state.v, np.zeros_like(state.v))
         seen = self.see(state)
-        power = np.sum(F.values[:: 2 * method.steps] * state.v[:, self.actuated()], axis=1)
+        power = np.sum(F.values[:: 2 * method.steps] * state.v[:, self.layout.actuated], axis=1)
         if load := self.scene.load:
             lever = np.einsum("tij,j->ti", seen.rotation, np.array(load.point))
             power += (seen.velocity + np.cross(seen.angular_velocity, lever)) @ load.force
@@ -212,7 +207,7 @@ class SteppingEngine(SolverEngine):
             kinetic=seen.kinetic,
             potential=seen.potential,
             work=spline.antiderivative()(problem.grid),
-            gap=float(np.linalg.norm(self.terms(state).gap, axis=2).max()),
+            gap=float(np.linalg.norm(self.gaps(state).gap, axis=2).max()),
             seconds=seconds,
         )
 

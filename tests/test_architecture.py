@@ -80,10 +80,12 @@ def test_formulas_use_nothing_but_arithmetic() -> None:
 
 
 def test_reactions_of_every_adapter_pass_through_wrench() -> None:
-    """What a method `reactions` returns is a converter of `wrench`, called on raw numbers of the engine."""
+    """The wrenches that a method `assemble` returns are those of a converter of `wrench`, called on raw numbers."""
     for name in ("mujoco", "pinocchio", "dart"):
         tree = ast.parse((ROOT / "crosscheck" / "engines" / f"{name}_.py").read_text())
-        method = next(n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == "reactions")
-        returned = [ast.unparse(n.value) for n in ast.walk(method) if isinstance(n, ast.Return) and n.value]
-        assert len(returned) == 1
-        assert returned[0].startswith(f"wrench.from_{name}(")
+        method = next(n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == "assemble")
+        returned = [n.value for n in ast.walk(method) if isinstance(n, ast.Return)]
+        wrenches = [ast.unparse(r.args[2]) for r in returned if isinstance(r, ast.Call) and len(r.args) > 2]
+        assert len(returned) == 2
+        assert len(wrenches) == 1
+        assert wrenches[0].startswith(f"wrench.from_{name}(")

@@ -251,16 +251,16 @@ def test_an_error_in_a_later_block_says_where_it_counts_from(
 ) -> None:
     monkeypatch.setattr(kkt, "BLOCK", 4)
     engine: Any = load_engine(engine_name)(hexapod)
-    terms, calls = engine.terms, []
+    assemble, calls = engine.assemble, []
 
-    def broken(state: kkt.State) -> kkt.Terms:
+    def broken(state: kkt.State, with_tree: bool = False) -> kkt.Assembly:
         calls.append(len(state.q))
-        out = terms(state)
+        out = assemble(state, with_tree)
         if len(calls) == 3:
             out.tau[1, 0] = np.nan
         return out
 
-    monkeypatch.setattr(engine, "terms", broken)
+    monkeypatch.setattr(engine, "assemble", broken)
     with pytest.raises(EngineError, match=r"tau is not finite at sample 1 \(counted from sample 8\)"):
         engine.inverse_dynamics(trajectory)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stewart_crosscheck.crosscheck import kkt
+from stewart_crosscheck.crosscheck import loop_forces
 from stewart_crosscheck.crosscheck.engine import EngineError
 
 NA, NC = 3, 5
@@ -33,7 +33,7 @@ def test_an_undetermined_sample_has_the_shortest_forces(seed: int) -> None:
     rng = np.random.default_rng(seed)
     J, free = loops(rng)
     tau = np.einsum("ij,tj->ti", S, rng.normal(size=(2, NA))) + np.einsum("tij,ti->tj", J, rng.normal(size=(2, NC)))
-    F, held = kkt.solve("x", tau, J, ACTUATED, BOTH)
+    F, held = loop_forces.solve("x", tau, J, ACTUATED, BOTH)
     residual = np.einsum("ij,tj->ti", S, F) + np.einsum("tij,ti->tj", J, held) - tau
     assert np.abs(residual).max() < 1e-12  # numbers of order 10, condition below 1e2
     assert abs(F[1] @ free) < 1e-12  # the shortest on a line stands across it
@@ -47,10 +47,10 @@ def test_one_rank_is_missing_and_no_other_number() -> None:
     J, _ = loops(rng)
     tau = np.zeros((2, NV))
     with pytest.raises(EngineError, match=r"^x: sample 0: got rank 8, expected 7 of 8$"):
-        kkt.solve("x", tau[:1], J[:1], ACTUATED, BOTH[1:])
+        loop_forces.solve("x", tau[:1], J[:1], ACTUATED, BOTH[1:])
     J[1, 1] = J[1, -1] = J[1, 0]
     with pytest.raises(EngineError, match=r"^x: sample 1: got rank 6, expected 7 of 8$"):
-        kkt.solve("x", tau, J, ACTUATED, BOTH)
+        loop_forces.solve("x", tau, J, ACTUATED, BOTH)
 
 
 def test_a_motion_that_no_forces_give_is_refused() -> None:
@@ -59,11 +59,11 @@ def test_a_motion_that_no_forces_give_is_refused() -> None:
     J, _ = loops(rng)
     K = np.hstack([S, J[1].T])
     tau = np.array([np.zeros(NV), K @ rng.normal(size=NV)])
-    kkt.solve("x", tau, J, ACTUATED, BOTH)
+    loop_forces.solve("x", tau, J, ACTUATED, BOTH)
     across = np.linalg.svd(K)[0][:, -1]
     tau[1] += 1e-8 * np.linalg.norm(tau[1]) * across
     with pytest.raises(EngineError, match=r"^x: sample 1: no forces give this motion: residual .*e-08 \(N or N m\)$"):
-        kkt.solve("x", tau, J, ACTUATED, BOTH)
+        loop_forces.solve("x", tau, J, ACTUATED, BOTH)
 
 
 def test_a_singular_sample_that_nobody_expected_is_named() -> None:
@@ -71,14 +71,14 @@ def test_a_singular_sample_that_nobody_expected_is_named() -> None:
     J[1] = 0.0
     J = np.vstack([J, J[:1]])
     with pytest.raises(EngineError, match=r"^x: sample 1: the 8 x 8 matrix of actuators and loops is singular$"):
-        kkt.solve("x", np.ones((3, NV)), J, ACTUATED, np.array([False, False, False]))
+        loop_forces.solve("x", np.ones((3, NV)), J, ACTUATED, np.array([False, False, False]))
     with pytest.raises(EngineError, match=r"^x: sample 1: the 8 x 8 matrix"):
-        kkt.solve("x", np.ones((3, NV)), J, ACTUATED, np.array([True, False, False]))
+        loop_forces.solve("x", np.ones((3, NV)), J, ACTUATED, np.array([True, False, False]))
 
 
 def test_the_solve_refuses_what_it_cannot_do() -> None:
     tau, J, determined = np.ones((2, 4)), np.zeros((2, 3, 4)), np.zeros(2, dtype=bool)
     with pytest.raises(EngineError, match=r"nv = 4, expected na \+ nc = 2 \+ 3"):
-        kkt.solve("x", tau, J, [0, 1], determined)
+        loop_forces.solve("x", tau, J, [0, 1], determined)
     with pytest.raises(EngineError, match="tau is not finite at sample 1"):
-        kkt.solve("x", np.array([[1.0] * 4, [1, np.inf, 1, 1]]), J, [0], determined)
+        loop_forces.solve("x", np.array([[1.0] * 4, [1, np.inf, 1, 1]]), J, [0], determined)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -13,12 +12,14 @@ from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
-from ..kkt import State, Terms, tree_facts
-from ..native import Answer, Hard, in_plane
+from ..kkt import Assembly, Loops, State, Terms, tree_facts
+from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..time_step import defects
 from ..trajectory import Trajectory
+from .dart_chains import column_count, leg_axes, loop_rows
+from .dart_world import closed
 
 TIME_STEP = 1e-6
 """Of World.step, s: the error is proportional to it, and rounding of velocities, divided by it, is a hundredth yet."""
@@ -38,6 +39,8 @@ class DartEngine(SteppingEngine):
 
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
+    handles: ClassVar[tuple[str, ...]] = ("dart", "skeleton", "loops", "ends", "platform")
+    objects: ClassVar[str | None] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
     law: ClassVar[Law] = Law(
         "time_step",
@@ -66,8 +69,9 @@ class DartEngine(SteppingEngine):
             [(self._body(loop[end]["link"]), np.array(loop[end]["point"])) for end in ("child", "parent")]
             for loop in closures["loops"]
         ]
+        self.ends = [loop[end] for end in (0, 1) for loop in self.loops]
         self.platform = self._body("platform")
-        self.time_step = TIME_STEP
+        self.time_step, self.reduction = TIME_STEP, REDUCTION
 
     def _body(self, name: str) -> Any:
         body = self.skeleton.getBodyNode(name)
@@ -77,9 +81,8 @@ class DartEngine(SteppingEngine):
 
     def facts(self) -> ModelFacts:
         """URDF wants a link between two joints; DART leaves it without mass if the file says zero."""
-        sk = self.skeleton
-        masses = {b.getName(): b.getMass() for b in map(sk.getBodyNode, range(sk.getNumBodyNodes()))}
-        return tree_facts(masses, sk.getNumDofs(), self.scene.nc)
+        bodies = map(self.skeleton.getBodyNode, range(self.skeleton.getNumBodyNodes()))
+        return tree_facts({b.getName(): b.getMass() for b in bodies}, self.skeleton.getNumDofs(), self.scene.nc)
 
     def velocity_index(self, coordinate: str) -> int:
         """Index of a joint coordinate in the skeleton."""
@@ -109,43 +112,56 @@ class DartEngine(SteppingEngine):
         a[:, j : j + 6] = np.hstack([trajectory.angular_acceleration, trajectory.acceleration])
         return State(q, v, a)
 
-    def terms(self, state: State) -> Terms:
-        """Mass matrix times accelerations plus bias less load, Jacobians and accelerations of the loop points."""
-        sk, scene, load = self.skeleton, self.scene, self.scene.load
-        out = Terms.empty(len(state.q), state.q.shape[1], scene)
+    def assemble(self, state: State, with_tree: bool = False) -> Assembly:
+        """``computeInverseDynamics`` under the load, Jacobians of the loop points, ``getBodyForce`` of leg bodies."""
+        sk, scene, n = self.skeleton, self.scene, len(state.q)
+        joints = [j for j in scene.joints if not j.cut]
+        body_forces = [sk.getBodyNode(j.child).getBodyForce for j in joints] if with_tree else []
+        tau, force = np.empty((n, scene.nv)), np.empty((n, 6 * len(body_forces)))
+        jacobians, world = [(body.getJacobian, point) for body, point in self.ends], self.dart.dynamics.Frame.World()
+        columns = np.empty((n, 6, column_count(scene)))
+        inverse_dynamics, forces = sk.computeInverseDynamics, sk.getForces
+        sk.clearExternalForces()
+        for k in self._each(state):
+            if scene.load:
+                sk.clearExternalForces()  # they add up
+                self._push_load()
+            inverse_dynamics(True, False, False)  # with external forces; by default they are left out
+            tau[k] = forces()
+            np.concatenate([jacobian(point, world) for jacobian, point in jacobians], axis=1, out=columns[k])
+            if with_tree:
+                np.concatenate([body_force() for body_force in body_forces], out=force[k])
+        J = loop_rows(scene, self.layout, columns[:, 3:])
+        if not with_tree:
+            return Assembly(tau, J)
+        R, lever = leg_axes(scene, columns, np.array([tip for _, tip in self.ends[: scene.N]]))
+        return Assembly(tau, J, wrench.from_dart(force.reshape(n, -1, 6), R), lever)
+
+    def gaps(self, state: State) -> Loops:
+        """Positions, velocities and accelerations of the loop points."""
+        sk, scene, out = self.skeleton, self.scene, Loops.empty(len(state.q), self.scene.N)
         hulls = [sk.getJoint(c).getTransformFromParentBodyNode().translation() for c in scene.hull_coordinates]
-        axes, rows = list(scene.loop_axes), len(scene.loop_axes)
-        for k in range(len(state.q)):
-            self._set(state, k)
-            out.tau[k] = sk.getMassMatrix() @ state.a[k] + sk.getCoriolisAndGravityForces()
-            if load:
-                out.tau[k] -= sk.getLinearJacobian(self.platform, np.array(load.point)).T @ load.force
-                out.tau[k] -= sk.getAngularJacobian(self.platform).T @ load.moment
-            for i, ends in enumerate(self.loops):
-                tip, pin = (body.getWorldTransform().multiply(point) for body, point in ends)
-                J_tip, J_pin = (sk.getLinearJacobian(body, point) for body, point in ends)
-                a_tip, a_pin = (body.getLinearAcceleration(point) for body, point in ends)
-                out.J[k, rows * i : rows * (i + 1)] = (J_tip - J_pin)[axes]
-                out.gap[k, i], out.gap_acceleration[k, i] = tip - pin, a_tip - a_pin
-                axis = tip - hulls[i]
-                out.L[k, i] = np.linalg.norm(axis)
-                out.dL[k, i] = axis @ (J_tip @ state.v[k]) / out.L[k, i]
+        N, rods = scene.N, self.ends[: scene.N]
+        for k in self._each(state):
+            at = np.array([body.getWorldTransform().multiply(point) for body, point in self.ends])
+            acceleration = np.array([body.getLinearAcceleration(point) for body, point in self.ends])
+            out.gap[k], out.gap_acceleration[k] = at[:N] - at[N:], acceleration[:N] - acceleration[N:]
+            axis = at[:N] - hulls
+            out.L[k] = np.sqrt(np.einsum("ia,ia->i", axis, axis))
+            out.dL[k] = np.einsum("ia,ia->i", axis, [rod.getLinearVelocity(tip) for rod, tip in rods]) / out.L[k]
         return out
 
-    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``getBodyForce`` of every leg body after inverse dynamics with the loop forces on the rods' tips."""
-        sk = self.skeleton
-        bodies = [sk.getBodyNode(j.child) for j in self.scene.joints if not j.cut]
-        force, R = np.empty((len(state.q), len(bodies), 6)), np.empty((len(state.q), len(bodies), 3, 3))
-        for k in range(len(state.q)):
-            self._set(state, k)
-            sk.clearExternalForces()  # addExtForce accumulates
-            for (rod, tip), force_W in zip((ends[0] for ends in self.loops), multipliers[k], strict=True):
-                rod.addExtForce(force_W, tip, False, True)
-            sk.computeInverseDynamics(True, False, False)  # with external forces; by default they are left out
-            for n, body in enumerate(bodies):
-                force[k, n], R[k, n] = body.getBodyForce(), body.getWorldTransform().rotation()
-        return wrench.from_dart(force, R)
+    def free(self, state: State) -> Free:
+        """``getMassMatrix``, `assemble` at a = 0, derivatives of the Jacobians."""
+        sk, scene, n = self.skeleton, self.scene, len(state.q)
+        state = state._replace(a=np.zeros_like(state.v))
+        h, J, *_ = self.assemble(state)
+        M, columns = np.empty((n, scene.nv, scene.nv)), np.empty((n, 3, column_count(scene)))
+        derivatives, world = [(b.getLinearJacobianDeriv, p) for b, p in self.ends], self.dart.dynamics.Frame.World()
+        for k in self._each(state):
+            M[k] = sk.getMassMatrix()
+            np.concatenate([derivative(point, world) for derivative, point in derivatives], axis=1, out=columns[k])
+        return Free(M, h, J, np.einsum("tij,tj->ti", loop_rows(scene, self.layout, columns), state.v))
 
     @property
     def forward_setting(self) -> str:
@@ -153,88 +169,68 @@ class DartEngine(SteppingEngine):
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """Two ``World.step`` from the pose one step earlier: the first makes the velocity consistent there.
-
-        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
-        """
+        """`solved`, and the loop forces that its second step leaves behind."""
         sk, scene, dt = self.skeleton, self.scene, self.time_step
         rods, axes = [ends[0] for ends in self.loops], list(scene.loop_axes)
         of_tree = np.array([sk.getDof(d).getTreeIndex() for d in range(sk.getNumDofs())])
-        tau = np.zeros_like(state.v)
-        tau[:, self.actuated()] = F
-        a, loop_forces = np.empty_like(tau), np.zeros((len(F), scene.N, 3))
-        with self._world(state, dt, 0.0) as world:
-            for k in range(len(F)):
-                self._set(state, k)
-                sk.integratePositions(-dt)
-                R: list[np.ndarray] = []
-                for _ in range(2):
-                    self._push(tau[k])
-                    R = [rod.getWorldTransform().rotation() for rod, _ in rods]
-                    world.step(True)
-                a[k] = sk.getAccelerations()
-                for i, (rod, tip) in enumerate(rods):
-                    # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
-                    tree = rod.getTreeIndex()
-                    J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
-                    force_W = np.zeros(3)
-                    force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
-                    loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
+        a, loop_forces = np.empty_like(state.v), np.zeros((len(F), scene.N, 3))
+        for k, step in enumerate(self._last_steps(state, F)):
+            R = [rod.getWorldTransform().rotation() for rod, _ in rods]
+            step(True)
+            a[k] = sk.getAccelerations()
+            for i, (rod, tip) in enumerate(rods):
+                # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
+                tree = rod.getTreeIndex()
+                J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
+                force_W = np.zeros(3)
+                force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
+                loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
         # Velocities are rounded before they are divided by the time step.
         left = defects(self, state, terms, hard, dt, MIXING)
         hinges = [self.velocity_index(c) for c in scene.coordinates if not c.startswith("s")]
         slow = np.abs(state.v[:, hinges]).max(axis=1) * dt < TURN
         return Answer(a, loop_forces, *left, condition=1.0 / dt, valid=slow)
 
-    @contextlib.contextmanager
-    def _world(self, state: State, dt: float, reduction: float) -> Iterator[Any]:
-        """A world of this skeleton, closed at the first sample's pose; what is global in DART is put back after."""
-        dart, sk = self.dart, self.skeleton
-        joint = dart.constraint.BallJointConstraint
-        world = dart.simulation.World()
-        world.setGravity(sk.getGravity())  # it overwrites the skeleton's
-        world.setTimeStep(dt)
-        awake = world.getDeactivationOptions()
-        awake.mEnabled = False
-        world.setDeactivationOptions(awake)
-        world.addSkeleton(sk)
-        self._set(state, 0)
-        sk.clearExternalForces()  # which inverse dynamics leaves behind
-        before = joint.getErrorReductionParameter(), joint.getConstraintForceMixing()
-        solver = world.getConstraintSolver()
-        try:
-            joint.setErrorReductionParameter(reduction)
-            joint.setConstraintForceMixing(MIXING)
-            for (rod, tip), (platform, _) in self.loops:
-                solver.addConstraint(joint(rod, platform, rod.getWorldTransform().multiply(tip)))
-            yield world
-        finally:
-            joint.setErrorReductionParameter(before[0])
-            joint.setConstraintForceMixing(before[1])
-            solver.removeAllConstraints()  # before the skeleton goes
-            world.removeSkeleton(sk)
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations of the second of two ``World.step``."""
+        a = np.empty_like(state.v)
+        for answer, step in zip(a, self._last_steps(state, F), strict=True):
+            step(True)
+            answer[:] = self.skeleton.getAccelerations()
+        return a
+
+    def _last_steps(self, state: State, F: np.ndarray) -> Iterator[Any]:
+        """After the first of two ``World.step`` from the pose one step earlier: makes the velocity consistent there.
+
+        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
+        """
+        sk, dt = self.skeleton, self.time_step
+        tau = np.zeros_like(state.v)
+        tau[:, self.layout.actuated] = F
+        with closed(self, state, dt, 0.0, MIXING) as world:
+            for k in range(len(F)):
+                self.set(state, k)
+                sk.integratePositions(-dt)
+                self._push(tau[k])
+                world.step(True)
+                self._push(tau[k])
+                yield world.step
 
     def _push(self, tau: np.ndarray) -> None:
         """Forces and load of the next step, which clears them."""
         self.skeleton.setForces(tau)
+        self._push_load()
+
+    def _push_load(self) -> None:
         if load := self.scene.load:
             self.platform.addExtForce(np.array(load.force), np.array(load.point), False, True)
             self.platform.addExtTorque(np.array(load.moment), False)
-
-    def mass_matrix(self, state: State) -> np.ndarray:
-        """``getMassMatrix``."""
-        M = np.empty((*state.v.shape, state.v.shape[1]))
-        for k in range(len(M)):
-            self._set(state, k)
-            M[k] = self.skeleton.getMassMatrix()
-        return M
 
     def see(self, state: State) -> Seen:
         """Transform and velocity of the platform, ``computeKineticEnergy``, ``computePotentialEnergy``."""
         sk, platform = self.skeleton, self.platform
         out = Seen.empty(len(state.q))
-        for k in range(len(state.q)):
-            self._set(state, k)
+        for k in self._each(state):
             T = platform.getWorldTransform()
             out.position[k], out.rotation[k] = T.translation(), T.rotation()
             out.velocity[k], out.angular_velocity[k] = platform.getLinearVelocity(), platform.getAngularVelocity()
@@ -252,9 +248,9 @@ class DartEngine(SteppingEngine):
         consistent at this pose, or one step earlier, is the same.
         """
         sk, start, tau = self.skeleton, self.state(problem.start), np.zeros(self.scene.nv)
-        n, actuated = len(problem.grid), self.actuated()
+        n, actuated = len(problem.grid), self.layout.actuated
         q, v = np.empty((2, n, self.scene.nv))
-        with self._world(start, F.dt, REDUCTION) as world:
+        with closed(self, start, F.dt, self.reduction, MIXING) as world:
             for k in range(n):
                 q[k], v[k] = sk.getPositions(), sk.getVelocities()
                 for step in range(steps if k < n - 1 else 0):
@@ -267,7 +263,7 @@ class DartEngine(SteppingEngine):
         """Positions after so many seconds at velocities (nt, nv)."""
         state, out = State(q, v, np.zeros_like(v)), np.empty_like(q)
         for k in range(len(out)):
-            self._set(state, k)
+            self.set(state, k)
             self.skeleton.integratePositions(step)
             out[k] = self.skeleton.getPositions()
         return out
@@ -283,15 +279,22 @@ class DartEngine(SteppingEngine):
         """A free joint accelerates in world axes."""
         return self.in_world(a)
 
-    def _set(self, state: State, k: int) -> None:
-        """State of one sample; DART only prints when it refuses one, so what it holds is read back."""
+    def _each(self, state: State) -> Iterator[int]:
+        """Number of every sample, after its state is set; DART only prints when it refuses one: it is read back."""
+        sk, held = self.skeleton, State(*(np.empty_like(x) for x in state))
+        for k in range(len(state.q)):
+            self.set(state, k)
+            held.q[k], held.v[k], held.a[k] = sk.getPositions(), sk.getVelocities(), sk.getAccelerations()
+            yield k
+        for got, want in zip(held, state, strict=True):
+            if len(wrong := np.argwhere(got != want)):
+                raise EngineError(f"{self.name}: refused the state of sample {wrong[0][0]}")
+
+    def set(self, state: State, k: int) -> None:
+        """State of one sample."""
         sk = self.skeleton
-        sk.setPositions(state.q[k])
-        sk.setVelocities(state.v[k])
-        sk.setAccelerations(state.a[k])
-        held = (sk.getPositions(), sk.getVelocities(), sk.getAccelerations())
-        if not all(np.array_equal(h, x[k]) for h, x in zip(held, state, strict=True)):
-            raise EngineError(f"{self.name}: refused the state of sample {k}")
+        for put, x in zip((sk.setPositions, sk.setVelocities, sk.setAccelerations), state, strict=True):
+            put(x[k])
 
 
 ENGINE = DartEngine

@@ -6,7 +6,7 @@ Its inverse dynamics does not see hard loops; what it assembles is exact to roun
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,11 +16,12 @@ from ...models.mjcf import FLOOR
 from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
-from ..kkt import State, Terms
-from ..native import Answer, Hard, in_plane
+from ..kkt import Assembly, Loops, State, Terms
+from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
+from .mujoco_steps import own_steps
 
 IMPEDANCE = 0.9999
 """Both ends of solimp: the hardest loops that MuJoCo does not clamp (mjMAXIMP)."""
@@ -28,13 +29,18 @@ IMPEDANCE = 0.9999
 TOLERANCE = 1e-15
 """Of the Newton solver: its one step is exact here, as no loop can open or slip; 0 would repeat it a hundred times."""
 
+INTEGRATOR, TIME_CONSTANT = "RK4", 2.0
+"""Of `own_steps`: one of mjtIntegrator, and of solref, in steps: the least that MuJoCo takes."""
+
 
 class MujocoEngine(SteppingEngine):
-    """qfrc and efc_J from ``mj_inverse``, reactions from ``mj_rnePostConstraint``; loops: `connect` between sites."""
+    """Terms from ``mj_rne`` and ``efc_J``, reactions from ``mj_rnePostConstraint``; loops: `connect` between sites."""
 
     name: ClassVar[str] = "mujoco"
     package: ClassVar[str] = "mujoco"
-    setting: ClassVar[str] = "mj_inverse, mj_rnePostConstraint"
+    handles: ClassVar[tuple[str, ...]] = ("mj",)
+    objects: ClassVar[str | None] = None
+    setting: ClassVar[str] = "mj_rne, mj_rnePostConstraint"
     inertia_floor: ClassVar[float] = FLOOR
     law: ClassVar[Law] = Law(
         "softness",
@@ -53,7 +59,8 @@ class MujocoEngine(SteppingEngine):
         self.require_nv(self.model.nv)
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
         self.platform = self.model.body("platform").id
-        self.impedance = IMPEDANCE
+        self.impedance, self.tolerance = IMPEDANCE, TOLERANCE
+        self.integrator, self.time_constant = INTEGRATOR, TIME_CONSTANT
 
     def facts(self) -> ModelFacts:
         """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
@@ -87,54 +94,107 @@ class MujocoEngine(SteppingEngine):
         a[:, j + 3 : j + 6] = trajectory.in_body(trajectory.angular_acceleration)
         return State(q, v, a)
 
-    def terms(self, state: State) -> Terms:
-        """``mj_inverse`` counts soft loop forces that we do not want: adding qfrc_constraint takes them out again."""
+    def assemble(self, state: State, with_tree: bool = False) -> Assembly:
+        """``mj_rne`` and ``efc_J``; ``cfrc_int`` of every leg body, with zeros for MuJoCo's soft loop forces."""
         mj, m, d, scene = self.mj, self.model, self.data, self.scene
-        nt = len(state.q)
-        out = Terms.empty(nt, m.nv, scene)
+        rne_post, n = mj.mj_rnePostConstraint, len(state.q)
+        tau, J = np.empty((n, m.nv)), np.empty((n, 3 * scene.N * m.nv))
+        seen = [d.cfrc_int, d.subtree_com, d.xipos, d.xanchor, d.site_xpos] if with_tree else []
+        copies = [np.empty((n, *x.shape)) for x in seen]
+        for k in self._each(state):
+            mj.mj_rne(m, d, 1, tau[k])
+            if scene.load:
+                tau[k] -= self.load(d)
+            J[k] = d.efc_J
+            if with_tree:
+                d.efc_force[:] = 0.0
+                rne_post(m, d)
+                for copy_, x in zip(copies, seen, strict=True):
+                    copy_[k] = x
+        self.require_quiet(d)
+        J = J.reshape(n, scene.N, 3, m.nv)[:, :, : len(scene.loop_axes)].reshape(n, scene.nc, m.nv)
+        if not with_tree:
+            return Assembly(tau, J)
+        cfrc, com, xipos, xanchor, site = copies
+        joints = [j for j in scene.joints if not j.cut]
+        bodies = [m.body(j.child).id for j in joints]
+        anchors = xanchor[:, [m.joint(j.coordinates[0]).id for j in joints]]
+        point = np.where([[j.type == "prismatic"] for j in joints], xipos[:, bodies], anchors)
+        lever = site[:, [self.tips[j.leg - 1] for j in joints]] - point
+        return Assembly(tau, J, wrench.from_mujoco(cfrc[:, bodies], com[:, m.body_rootid[bodies]], point), lever)
+
+    def gaps(self, state: State) -> Loops:
+        """Positions, velocities and accelerations of the sites."""
+        mj, m, d, scene = self.mj, self.model, self.data, self.scene
+        out = Loops.empty(len(state.q), scene.N)
         anchors = [m.joint(c).id for c in scene.hull_coordinates]
-        velocity, acceleration = np.empty(6), np.empty((2, 6))
-        for k in range(nt):
-            self._evaluate(state, k)
-            out.tau[k] = d.qfrc_inverse + d.qfrc_constraint - self._load(d)
-            out.J[k] = d.efc_J.reshape(-1, 3, m.nv)[:, scene.loop_axes].reshape(scene.nc, m.nv)
-            out.gap[k] = d.site_xpos[self.tips] - d.site_xpos[self.pins]
-            axis = d.site_xpos[self.tips] - d.xanchor[anchors]
-            out.L[k] = np.linalg.norm(axis, axis=1)
+        velocity, ends = np.empty((scene.N, 6)), np.empty((2, scene.N, 6))
+        site, pairs = mj.mjtObj.mjOBJ_SITE, tuple(zip((self.tips, self.pins), ends, strict=True))
+        for k in self._each(state):
             mj.mj_rnePostConstraint(m, d)  # accelerations of the bodies; they do not depend on forces
-            for i, ends in enumerate(zip(self.tips, self.pins, strict=True)):
-                for e, site in enumerate(ends):
-                    mj.mj_objectAcceleration(m, d, mj.mjtObj.mjOBJ_SITE, site, acceleration[e], 0)
-                out.gap_acceleration[k, i] = acceleration[0, 3:] - acceleration[1, 3:]
-                mj.mj_objectVelocity(m, d, mj.mjtObj.mjOBJ_SITE, ends[0], velocity, 0)
-                out.dL[k, i] = axis[i] @ velocity[3:] / out.L[k, i]
+            for sites, accelerations in pairs:
+                for i, s in enumerate(sites):
+                    mj.mj_objectAcceleration(m, d, site, s, accelerations[i], 0)
+            for i, s in enumerate(self.tips):
+                mj.mj_objectVelocity(m, d, site, s, velocity[i], 0)
+            tips = d.site_xpos[self.tips]
+            out.gap[k] = tips - d.site_xpos[self.pins]
+            out.gap_acceleration[k] = ends[0, :, 3:] - ends[1, :, 3:]
+            axis = tips - d.xanchor[anchors]
+            out.L[k] = np.sqrt(np.einsum("ia,ia->i", axis, axis))
+            out.dL[k] = np.einsum("ia,ia->i", axis, velocity[:, 3:]) / out.L[k]
         return out
 
-    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``cfrc_int`` of every leg body, with the loop forces written over MuJoCo's soft ones."""
-        m, d = self.model, self.data
-        joints = [j for j in self.scene.joints if not j.cut]
-        bodies = [m.body(j.child).id for j in joints]
-        hinges = [m.joint(j.coordinates[0]).id for j in joints]
-        at_com = np.array([[j.type == "prismatic"] for j in joints])
-        shape = (len(state.q), len(bodies))
-        cfrc, center, point = np.empty((*shape, 6)), np.empty((*shape, 3)), np.empty((*shape, 3))
-        for k in range(len(state.q)):
-            self._evaluate(state, k)
-            d.efc_force[:] = multipliers[k].ravel()
-            self.mj.mj_rnePostConstraint(m, d)
-            cfrc[k], center[k] = d.cfrc_int[bodies], d.subtree_com[m.body_rootid[bodies]]
-            point[k] = np.where(at_com, d.xipos[bodies], d.xanchor[hinges])
-        self._require_quiet(d)
-        return wrench.from_mujoco(cfrc, center, point)
+    def free(self, state: State) -> Free:
+        """``mj_fullM``, ``mj_rne``; dJ v is a part of ``efc_aref``."""
+        mj, m, d, scene = self.mj, self.model, self.data, self.scene
+        n, nc = len(state.q), 3 * scene.N
+        M, h, J = np.empty((n, m.nv, m.nv)), np.empty((n, m.nv)), np.empty((n, nc * m.nv))
+        aref, pos, vel, kbip = np.empty((n, nc)), np.empty((n, nc)), np.empty((n, nc)), np.empty((n, nc * 4))
+        for k in self._each(state):
+            mj.mj_rne(m, d, 0, h[k])
+            if scene.load:
+                h[k] -= self.load(d)
+            mj.mj_makeM(m, d)
+            mj.mj_fullM(m, d, M[k])
+            mj.mj_referenceConstraint(m, d)
+            J[k], aref[k], pos[k], vel[k] = d.efc_J, d.efc_aref, d.efc_pos, d.efc_vel
+            kbip[k] = d.efc_KBIP.ravel()
+        self.require_quiet(d)
+        stiffness, damping, impedance, _ = np.moveaxis(kbip.reshape(n, nc, 4), 2, 0)
+        drift = -(aref + damping * vel + stiffness * impedance * pos)
+        rows = [3 * i + axis for i in range(scene.N) for axis in scene.loop_axes]
+        return Free(M, h, J.reshape(n, nc, m.nv)[:, rows], drift[:, rows])
 
     @property
     def forward_setting(self) -> str:
         """On a copy of the model: the MJCF has MuJoCo's defaults."""
-        return f"mj_forward, Newton, tolerance {TOLERANCE:g}, solimp {self.impedance:g}, solref default"
+        return f"mj_forward, Newton, tolerance {self.tolerance:g}, solimp {self.impedance:g}, solref default"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """``mj_forward``: forces on the motors, the load among the applied forces, soft loops."""
+        """`solved`, and how soft each row was."""
+        scene = self.scene
+        nt, axes = len(F), list(scene.loop_axes)
+        a, (R, pull, loop_forces) = np.empty_like(state.v), np.empty((3, nt, scene.N, 3))
+        for k, d in enumerate(self._forward(state, F)):
+            stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
+            pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
+            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
+        R, pull = (x[..., axes].reshape(nt, scene.nc) for x in (R, pull))
+        soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
+        closure = pull - R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
+        stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
+        return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
+
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """``qacc`` of ``mj_forward``."""
+        a = np.empty_like(state.v)
+        for k, d in enumerate(self._forward(state, F)):
+            a[k] = d.qacc
+        return a
+
+    def _forward(self, state: State, F: np.ndarray) -> Iterator[Any]:
+        """``mj_forward`` of every sample: forces on the motors, the load among the applied forces, soft loops."""
         mj, m, scene = self.mj, copy.copy(self.model), self.scene
         beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
         if len(beyond):
@@ -144,26 +204,18 @@ class MujocoEngine(SteppingEngine):
                 " MuJoCo sets all controls to zero beyond"
             )
         m.eq_solimp[:, :2] = self.impedance
-        m.opt.tolerance = TOLERANCE
+        m.opt.tolerance = self.tolerance
         d = mj.MjData(m)
         motors = [m.actuator(f"F{i}").id for i in scene.legs]
-        nt, axes = len(F), list(scene.loop_axes)
-        a, (R, pull, loop_forces) = np.empty((nt, m.nv)), np.empty((3, nt, scene.N, 3))
-        for k in range(nt):
+        for k in range(len(F)):
             d.qpos, d.qvel, d.ctrl[motors] = state.q[k], state.v[k], F[k]
-            mj.mj_fwdPosition(m, d)
-            d.qfrc_applied = self._load(d)
+            if scene.load:
+                mj.mj_fwdPosition(m, d)
+                d.qfrc_applied = self.load(d)
             mj.mj_forward(m, d)
-            self._require_rows(d)
-            stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
-            pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
-            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
-        self._require_quiet(d)
-        R, pull = (x[..., axes].reshape(nt, scene.nc) for x in (R, pull))
-        soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
-        closure = pull - R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
-        stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
-        return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
+            self.require_rows(d)
+            yield d
+        self.require_quiet(d)
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""
@@ -172,24 +224,14 @@ class MujocoEngine(SteppingEngine):
         j = self.velocity_index("platform")
         return np.hstack([a[:, j : j + 3], np.einsum("tij,tj->ti", trajectory.rotation, a[:, j + 3 : j + 6])])
 
-    def mass_matrix(self, state: State) -> np.ndarray:
-        """``mj_fullM``."""
-        mj, m, d = self.mj, self.model, self.data
-        M = np.empty((len(state.q), m.nv, m.nv))
-        for k, q in enumerate(state.q):
-            d.qpos = q
-            mj.mj_fwdPosition(m, d)
-            mj.mj_fullM(m, d, M[k])
-        return M
-
     def see(self, state: State) -> Seen:
         """Pose and velocity of the platform's body, ``mj_energyPos``, ``mj_energyVel``."""
         mj, m, d = self.mj, self.model, self.data
         out, twist = Seen.empty(len(state.q)), np.empty(6)
-        for k in range(len(state.q)):
-            self._evaluate(state, k)
+        for k in self._each(state):
             mj.mj_energyPos(m, d)
-            mj.mj_energyVel(m, d)
+            mj.mj_makeM(m, d)
+            mj.mj_energyVel(m, d)  # by the mass matrix
             mj.mj_objectVelocity(m, d, mj.mjtObj.mjOBJ_XBODY, self.platform, twist, 0)
             out.position[k], out.rotation[k] = d.xpos[self.platform], d.xmat[self.platform].reshape(3, 3)
             out.angular_velocity[k], out.velocity[k] = twist[:3], twist[3:]
@@ -197,66 +239,44 @@ class MujocoEngine(SteppingEngine):
         return out
 
     native_dt, native_order = 1e-3, 2
-    native_integrator = "mj_step RK4"
-    native_setting = f"Newton, tolerance {TOLERANCE:g}, solimp {IMPEDANCE:g}, solref timeconst 2 dt, F at the stages"
+    native_integrator = f"mj_step {INTEGRATOR}"
+    native_setting = (
+        f"Newton, tolerance {TOLERANCE:g}, solimp {IMPEDANCE:g}, solref timeconst {TIME_CONSTANT:g} dt, F at the stages"
+    )
 
     def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
-        """``mj_step``, forces and load set by its control callback, which every stage calls.
+        """``mj_step``."""
+        return own_steps(self, problem, F, steps)
 
-        Soft loops sag by (1 - d) timeconst^2 of the acceleration that loads them: of second order as the time constant
-        is two steps, the least that MuJoCo takes.
-        """
-        mj, m = self.mj, copy.copy(self.model)
-        m.opt.integrator = mj.mjtIntegrator.mjINT_RK4
-        m.opt.timestep, m.opt.tolerance = F.dt, TOLERANCE
-        m.opt.disableflags |= mj.mjtDisableBit.mjDSBL_AUTORESET
-        m.eq_solimp[:, :2], m.eq_solref[:] = self.impedance, (2.0 * F.dt, 1.0)
-        d = mj.MjData(m)
-        motors = [m.actuator(f"F{i}").id for i in self.scene.legs]
-        start = self.state(problem.start)
-        d.qpos, d.qvel = start.q[0], start.v[0]
-        n = len(problem.grid)
-        q, v = np.empty((n, m.nq)), np.empty((n, m.nv))
-        q[0], v[0] = d.qpos, d.qvel
+    def _each(self, state: State) -> Iterator[int]:
+        """Number of every sample, after what MuJoCo derives from positions and velocities; accelerations are set."""
+        mj, m, d = self.mj, self.model, self.data
+        kinematics, com_pos, com_vel, make = mj.mj_kinematics, mj.mj_comPos, mj.mj_comVel, mj.mj_makeConstraint
+        qpos, qvel, qacc = d.qpos, d.qvel, d.qacc
+        for k, (q, v, a) in enumerate(zip(*state, strict=True)):
+            qpos[:], qvel[:], qacc[:] = q, v, a
+            kinematics(m, d)
+            com_pos(m, d)
+            com_vel(m, d)
+            make(m, d)
+            self.require_rows(d)
+            yield k
 
-        def control(_: Any, d: Any) -> None:
-            d.ctrl[motors] = F(d.time)
-            d.qfrc_applied = self._load(d)
-
-        before = mj.get_mjcb_control()
-        mj.set_mjcb_control(control)
-        try:
-            for k in range(1, n):
-                d.time = problem.grid[k - 1]  # not the sum of so many steps
-                for _ in range(steps):
-                    mj.mj_step(m, d)
-                self._require_quiet(d)
-                self._require_rows(d)
-                q[k], v[k] = d.qpos, d.qvel
-        finally:
-            mj.set_mjcb_control(before)
-        return State(q, v, np.zeros_like(v))
-
-    def _evaluate(self, state: State, k: int) -> None:
-        """Everything that MuJoCo derives from one state."""
-        d = self.data
-        d.qpos, d.qvel, d.qacc = state.q[k], state.v[k], state.a[k]
-        self.mj.mj_inverse(self.model, d)
-        self._require_rows(d)
-
-    def _require_quiet(self, d: Any) -> None:
+    def require_quiet(self, d: Any) -> None:
         """Raise EngineError if MuJoCo has warned: it goes on, with a state or controls of its own choice."""
         warned = {self.mj.mjtWarning(i).name: w.number for i, w in enumerate(d.warning) if w.number}
         if warned:
             raise EngineError(f"{self.name}: warnings {warned}")
 
-    def _require_rows(self, d: Any) -> None:
+    def require_rows(self, d: Any) -> None:
         """Raise EngineError unless the constraint rows are the loops' three each and nothing else."""
-        mj, nc = self.mj, 3 * self.scene.N
-        if d.nefc != nc or (d.efc_type != mj.mjtConstraint.mjCNSTR_EQUALITY).any():
-            raise EngineError(f"{self.name}: the model gives {d.nefc} constraint rows, expected {nc} of its equalities")
+        rows = 3 * self.scene.N
+        if not d.ne == d.nefc == rows:
+            raise EngineError(
+                f"{self.name}: the model gives {d.nefc} constraint rows, expected {rows} of its equalities"
+            )
 
-    def _load(self, d: Any) -> np.ndarray:
+    def load(self, d: Any) -> np.ndarray:
         """Generalized force (nv,) of the scene's load at the current positions."""
         m, load = self.model, self.scene.load
         applied = np.zeros(m.nv)

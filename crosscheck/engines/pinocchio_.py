@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,8 +12,8 @@ from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
 from ..engine import EngineError, Law, ModelFacts
-from ..kkt import State, Terms, tree_facts
-from ..native import Answer, Hard, in_plane
+from ..kkt import Assembly, Loops, State, Terms, tree_facts
+from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
@@ -27,6 +27,8 @@ class PinocchioEngine(SteppingEngine):
 
     name: ClassVar[str] = "pinocchio"
     package: ClassVar[str] = "pin"
+    handles: ClassVar[tuple[str, ...]] = ("pin",)
+    objects: ClassVar[str | None] = None
     setting: ClassVar[str] = "rnea"
     law: ClassVar[Law] = Law(
         "proximal",
@@ -115,44 +117,85 @@ class PinocchioEngine(SteppingEngine):
         )
         return State(q, v, a)
 
-    def terms(self, state: State) -> Terms:
-        """``rnea`` under the load, frame Jacobians and classical accelerations of the loop points."""
+    def assemble(self, state: State, with_tree: bool = False) -> Assembly:
+        """``rnea`` under the load and its ``data.f``; the loop points' rows of ``data.J``."""
         pin, m, d, scene = self.pin, self.model, self.data, self.scene
-        out = Terms.empty(len(state.q), m.nv, scene)
-        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        hulls = [m.getJointId(c) for c in scene.hull_coordinates]
-        axes, rows = list(scene.loop_axes), len(scene.loop_axes)
+        n, joints = len(state.q), [j for j in scene.joints if not j.cut]
+        index = [m.getJointId(j.coordinates[-1]) for j in joints]
+        tau, columns, points = np.empty((n, m.nv)), np.empty((n, 6, m.nv)), np.empty((n, 2, scene.N, 3))
+        force, at, R = np.empty((n, len(index), 6)), np.empty((n, len(index), 3)), np.empty((n, len(index), 3, 3))
+        kept = (points.reshape(n, -1), force.reshape(n, -1), at.reshape(n, -1), R.reshape(n, -1, 3))
+        seen = (  # views of what Pinocchio writes
+            [d.oMf[ends[e]].translation for e in (0, 1) for ends in self.loops],
+            [d.f[j].vector for j in index],
+            [d.oMi[j].translation for j in index],
+            [d.oMi[j].rotation for j in index],
+        )[: 4 if with_tree else 1]
+        rnea, jacobians, placements, J = pin.rnea, pin.computeJointJacobians, pin.updateFramePlacements, d.J
         for k, (q, v, a) in enumerate(zip(*state, strict=True)):
-            pin.computeJointJacobians(m, d, q)
+            jacobians(m, d, q)
+            placements(m, d)
+            tau[k] = rnea(m, d, q, v, a, self._load()) if scene.load else rnea(m, d, q, v, a)
+            columns[k] = J
+            for views, out in zip(seen, kept, strict=False):
+                np.concatenate(views, out=out[k])
+        rows = np.zeros((scene.N, 3, m.nv, n))  # samples last: products of short axes are slow
+        last, at_last = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (columns, points))
+        for i, ends in enumerate(self.loops):
+            for e, sign in enumerate((1.0, -1.0)):
+                chain = self._chain(ends[e])
+                rows[i][:, chain] = sign * wrench.rows_of_point(last[:, chain], at_last[e, i])
+        rows = rows[:, : len(scene.loop_axes)].reshape(scene.nc, m.nv, n)
+        J = np.ascontiguousarray(np.moveaxis(rows, -1, 0))
+        if not with_tree:
+            return Assembly(tau, J)
+        return Assembly(tau, J, wrench.from_pinocchio(force, R), points[:, 0, [j.leg - 1 for j in joints]] - at)
+
+    def _chain(self, frame: int) -> list[int]:
+        """Velocities that move a frame."""
+        m = self.model
+        joints = [m.joints[j] for j in m.supports[m.frames[frame].parentJoint] if j]
+        return [j.idx_v + n for j in joints for n in range(j.nv)]
+
+    def _kinematics(self, state: State) -> Iterator[tuple[int, list[np.ndarray]]]:
+        """Number of every sample, and the classical accelerations of the loops' ends, tip and pin by turns."""
+        pin, m, d = self.pin, self.model, self.data
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        frames = [f for ends in self.loops for f in ends]
+        for k, (q, v, a) in enumerate(zip(*state, strict=True)):
             pin.forwardKinematics(m, d, q, v, a)
             pin.updateFramePlacements(m, d)
-            for i, ends in enumerate(self.loops):
-                tip, pinned = (d.oMf[f].translation for f in ends)
-                J_tip, J_pin = (pin.getFrameJacobian(m, d, f, world)[:3] for f in ends)
-                a_tip, a_pin = (pin.getFrameClassicalAcceleration(m, d, f, world).linear for f in ends)
-                out.J[k, rows * i : rows * (i + 1)] = (J_tip - J_pin)[axes]
-                out.gap[k, i], out.gap_acceleration[k, i] = tip - pinned, a_tip - a_pin
-                axis = tip - d.oMi[hulls[i]].translation
-                out.L[k, i] = np.linalg.norm(axis)
-                out.dL[k, i] = axis @ (J_tip @ v) / out.L[k, i]
-            out.tau[k] = pin.rnea(m, d, q, v, a, self._load())
+            yield k, [pin.getFrameClassicalAcceleration(m, d, f, world).linear for f in frames]
+
+    def gaps(self, state: State) -> Loops:
+        """Placements, velocities and classical accelerations of the loop points."""
+        pin, m, d, scene = self.pin, self.model, self.data, self.scene
+        out = Loops.empty(len(state.q), scene.N)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        tips, pins = ([d.oMf[ends[e]].translation for ends in self.loops] for e in (0, 1))
+        hulls = [d.oMi[m.getJointId(c)].translation for c in scene.hull_coordinates]
+        for k, accelerations in self._kinematics(state):
+            velocity = [pin.getFrameVelocity(m, d, tip, world).linear for tip, _ in self.loops]
+            at = np.array(tips)
+            out.gap[k] = at - pins
+            out.gap_acceleration[k] = np.subtract(accelerations[::2], accelerations[1::2])
+            axis = at - hulls
+            out.L[k] = np.sqrt(np.einsum("ia,ia->i", axis, axis))
+            out.dL[k] = np.einsum("ia,ia->i", axis, velocity) / out.L[k]
         return out
 
-    def reactions(self, state: State, multipliers: np.ndarray) -> np.ndarray:
-        """``data.f`` of every leg joint, with the loop forces on the rods' tips as outside forces."""
-        pin, m, d = self.pin, self.model, self.data
-        index = [m.getJointId(j.coordinates[-1]) for j in self.scene.joints if not j.cut]
-        force, R = np.empty((len(state.q), len(index), 6)), np.empty((len(state.q), len(index), 3, 3))
-        for k, (q, v, a) in enumerate(zip(*state, strict=True)):
-            pin.forwardKinematics(m, d, q)
-            outside = pin.StdVec_Force(m.njoints, pin.Force.Zero())
-            for (f, _), force_W in zip(self.loops, multipliers[k], strict=True):
-                tip = m.frames[f]
-                self._push(outside, tip.parentJoint, tip.placement.translation, force_W, np.zeros(3))
-            pin.rnea(m, d, q, v, a, outside)
-            for n, j in enumerate(index):
-                force[k, n], R[k, n] = d.f[j].vector, d.oMi[j].rotation
-        return wrench.from_pinocchio(force, R)
+    def free(self, state: State) -> Free:
+        """``crba``, which fills the upper triangle, `assemble` and classical accelerations, both at a = 0."""
+        pin, m, d, scene = self.pin, self.model, self.data, self.scene
+        state = state._replace(a=np.zeros_like(state.v))
+        h, J, *_ = self.assemble(state)
+        M, drift = np.empty((*h.shape, m.nv)), np.empty((len(h), scene.N, 2, 3))
+        for k, accelerations in self._kinematics(state):
+            np.concatenate(accelerations, out=drift[k].reshape(-1))
+            M[k] = pin.crba(m, d, state.q[k])
+        M = np.triu(M) + np.triu(M, 1).transpose(0, 2, 1)
+        drift = drift[:, :, 0] - drift[:, :, 1]
+        return Free(M, h, J, drift[..., : len(scene.loop_axes)].reshape(len(h), scene.nc))
 
     @property
     def forward_setting(self) -> str:
@@ -161,28 +204,34 @@ class PinocchioEngine(SteppingEngine):
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
         """``constraintDynamics`` under driving forces and load, both as generalized forces."""
-        a, loop_forces = self._solved(state, F)
+        a, loop_forces = np.empty_like(state.v), np.empty((len(F), self.scene.N, 3))
+        for k, answer in enumerate(self._solved(state, F)):
+            a[k], loop_forces[k] = answer, [loop.contact_force.linear for loop in self.closure_data]
         mu = self.mu * np.eye(self.scene.nc)
         shrink, left = np.linalg.solve(hard.A + mu, mu), hard.multipliers[..., None]
         for _ in range(self.iterations):
             left = shrink @ left
         return Answer(a, loop_forces, np.zeros_like(a), -(hard.A @ left)[..., 0])
 
-    def _solved(self, state: State, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations (nt, nv) and loop forces (nt, N, 3) of ``constraintDynamics``."""
-        pin, m, d, scene = self.pin, self.model, self.solver_data, self.scene
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """What ``constraintDynamics`` returns."""
+        a = np.empty_like(state.v)
+        for k, answer in enumerate(self._solved(state, F)):
+            a[k] = answer
+        return a
+
+    def _solved(self, state: State, F: np.ndarray) -> Iterator[np.ndarray]:
+        """Accelerations (nv,) of ``constraintDynamics``, sample by sample."""
+        pin, m, d, loops = self.pin, self.model, self.solver_data, (self.closures, self.closure_data)
         tau = np.zeros_like(state.v)
-        tau[:, self.actuated()] = F
-        a, loop_forces = np.empty_like(tau), np.empty((len(F), scene.N, 3))
-        for k, (q, v) in enumerate(zip(state.q, state.v, strict=True)):
-            if scene.load:
+        tau[:, self.layout.actuated] = F
+        solve, steps = pin.constraintDynamics, pin.ProximalSettings(0.0, self.mu, self.iterations)
+        for q, v, forces in zip(state.q, state.v, tau, strict=True):
+            if self.scene.load:
                 pin.computeJointJacobians(m, self.data, q)
                 J = pin.getJointJacobian(m, self.data, self.platform, pin.ReferenceFrame.LOCAL)
-                tau[k] += J.T @ self._load()[self.platform].vector
-            steps = pin.ProximalSettings(0.0, self.mu, self.iterations)
-            a[k] = pin.constraintDynamics(m, d, q, v, tau[k], self.closures, self.closure_data, steps)
-            loop_forces[k] = [loop.contact_force.linear for loop in self.closure_data]
-        return a, loop_forces
+                forces += J.T @ self._load()[self.platform].vector
+            yield solve(m, d, q, v, forces, *loops, steps)
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """From spatial, in body axes, to the acceleration of the point in world axes."""
@@ -196,12 +245,6 @@ class PinocchioEngine(SteppingEngine):
             linear, angular = a[:, j : j + 3], a[:, j + 3 : j + 6]
         linear, angular = (np.einsum("tij,tj->ti", trajectory.rotation, x) for x in (linear, angular))
         return np.hstack([linear + np.cross(trajectory.angular_velocity, trajectory.velocity), angular])
-
-    def mass_matrix(self, state: State) -> np.ndarray:
-        """``crba``, which fills the upper triangle."""
-        pin, m = self.pin, self.model
-        upper = np.triu([pin.crba(m, self.data, q) for q in state.q])
-        return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
     def see(self, state: State) -> Seen:
         """Placement and velocity of the platform's joint, ``computeKineticEnergy``, ``computePotentialEnergy``."""
@@ -222,7 +265,7 @@ class PinocchioEngine(SteppingEngine):
 
     def own_steps(self, problem: Problem, F: Staged, steps: int) -> State:
         """Pinocchio has no steps in time: its solver at the stages of ours."""
-        return self.runge_kutta(problem, F, steps, lambda state, F: self._solved(state, F)[0])
+        return self.runge_kutta(problem, F, steps, self.solved)
 
     def _load(self) -> Any:
         """Outside forces of the scene's load; the placement of the platform must be current."""
