@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from .solve import SingularPose
 
@@ -41,6 +40,8 @@ def require_times(t: np.ndarray) -> np.ndarray:
 def _adaptive(
     f: Derivative, y: np.ndarray, t: np.ndarray, project: Projection | None, rtol: float
 ) -> Iterator[np.ndarray]:
+    from scipy.integrate import DOP853  # half a second, which inverse dynamics need not wait for
+
     solver = DOP853(f, t[0], y, t[-1], rtol=rtol, atol=rtol * ATOL)
     due, steps = 1, 0
     while due < len(t):

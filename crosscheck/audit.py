@@ -7,11 +7,9 @@ levers turned by a rotation of its own, guide axes from the directions of the le
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from ..analytic import PlatformMotion
 from ..analytic.audit import MARGIN, Case, Row
@@ -22,6 +20,9 @@ from ..analytic.audit_text import TEXT
 from ..models import Scene, load_scene
 from .engine import REFERENCE, DynamicsResult, EngineError, load_engine, quantity
 from .trajectory import Trajectory, from_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SAMPLES = 9
 """Samples of each scene's own motion: enough for every term to be large somewhere."""
@@ -95,6 +96,8 @@ def measured(row: Row, cases: Mapping[str, Case]) -> dict[str, object]:
 
 def audit(table: Sequence[Row] = TABLE) -> pd.DataFrame:
     """The table with every residual and verdict, columns `COLUMNS`. Raises EngineError without the reference."""
+    import pandas as pd
+
     known = cases()
     return pd.DataFrame([measured(row, known) for row in table], columns=COLUMNS)
 
@@ -169,6 +172,8 @@ def composed_inertia(scene: Scene, q_s: np.ndarray) -> np.ndarray:
 
 def case_of(scene: Scene, rows: _Rows | Trajectory) -> Case:
     """What is known of a scene's motion without the formulas. Raises EngineError."""
+    from scipy.spatial.transform import Rotation
+
     try:
         reference = load_engine(REFERENCE)(scene)
     except ImportError as e:

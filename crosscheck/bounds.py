@@ -28,20 +28,21 @@ from .trajectory import Trajectory
 
 def allowed(
     scene: Scene,
-    trajectory: Trajectory,
+    at: Trajectory,
     result: DynamicsResult,
     truth: DynamicsResult,
     name: str,
     size: Scales,
     floor: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest error over the scale, and what it is called, at each sample of the result.
+    """Largest error over the scale, and what it is called, at each sample of `at`.
+
+    These are the result's; of its `checks`, any of the trajectory's.
 
     Nothing of it hangs on what the engine answers.  ``floor``: smallest moment of inertia [kg m^2] that its format has.
     """
     if result is truth:
         return np.full(len(result.samples), RADIUS.value), np.full(len(result.samples), RADIUS.name)
-    at = trajectory.at(result.samples)
     if name in LOOPS:
         still = CLOSURE.value * of_positions(at.reach)
         if name == "loop_acc":  # MuJoCo counts gravity among accelerations

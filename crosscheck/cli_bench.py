@@ -10,7 +10,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ..models import load_scene
 from ..reports import print_bench, require_free, write_bench
-from .bench import bench as bench_scene
 from .engine import EngineError
 from .run import ENGINE_FAILED
 from .sweep import FULL, QUICK
@@ -33,6 +32,8 @@ def bench(
     measured, 1 an exact method is off by more than its tolerance, 2 unusable input, 3 an engine failed to run, 4 an
     internal error.
     """
+    from .bench import bench as bench_scene  # with scipy: half a second, which no other command need wait for
+
     require_free(out or Path("runs", "RUN_ID"))
     loaded = load_scene(scene)
     progress = console(stderr=True)

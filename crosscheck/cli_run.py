@@ -87,7 +87,8 @@ def run(
     if 0 < truth["samples"] < truth["of"]:
         screen.print(
             f"certified truth: {truth['samples']} of {truth['of']} samples (seed {truth['seed']}), the worst"
-            " conditioned among them; errors are taken there",
+            " conditioned among them; errors are taken there, and samples.csv holds these; gaps of the loops and"
+            " balance are checked at all",
             highlight=False,
         )
     print_verdict(report.agreement, screen)

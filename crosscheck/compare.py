@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models.scene import Scene
-from .balance import balance
 from .bounds import allowed
+from .checks import Worst
 from .engine import (
     HULL,
-    LOOPS,
     PLATFORM,
     REFERENCE,
     DynamicsResult,
@@ -23,9 +22,12 @@ from .engine import (
     quantity,
     values,
 )
-from .scales import scales
+from .scales import Scales, scales
 from .tolerance import LIMIT
 from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PASS, FAIL, ERROR, UNSUPPORTED = "pass", "fail", "error", "unsupported"
 
@@ -71,60 +73,65 @@ def certified(scene: Scene, truth: DynamicsResult, name: str) -> tuple[np.ndarra
     return values(scene, truth, name), quantity(scene, name, truth.radius["F"], truth.radius["reactions"])
 
 
-def _errors(
-    scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str, length: float
-) -> tuple[np.ndarray, list[str]]:
-    """Error of one quantity (samples, columns), and what the columns are: legs or bodies.
-
-    Samples are those of the truth; of the engine's own checks they are all.
-    """
-    legs = [f"leg {i}" for i in scene.legs]
-    if name == "balance":
-        residual = balance(scene, trajectory, result.reactions, length)
-        return np.stack(list(residual.values()), axis=1), list(residual)
-    if name in LOOPS:
-        return np.linalg.norm(result.loops[name], axis=2), legs
+def _errors(scene: Scene, trajectory: Trajectory, result: DynamicsResult, truth: DynamicsResult, name: str) -> Worst:
+    """Error of one quantity at the samples of the truth; of the engine's own checks they are all."""
+    if name in result.checks:
+        return result.checks[name]
     if name in PLATFORM:
         given = np.hstack([trajectory.acceleration, trajectory.angular_acceleration])[truth.samples]
         error = values(scene, result, name) - platform_quantity(name, given)
-        return np.linalg.norm(error, axis=2), ["platform"]
+        return Worst.of(np.linalg.norm(error, axis=2), ["platform"])
     want, error = certified(scene, truth, name)
     if result is not truth:
         error = values(scene, result, name)[np.isin(result.samples, truth.samples)] - want
-    return np.linalg.norm(error, axis=2), ["hull"] if name in HULL else legs
+    return Worst.of(np.linalg.norm(error, axis=2), ["hull"] if name in HULL else [f"leg {i}" for i in scene.legs])
+
+
+def _allowed(
+    scene: Scene,
+    trajectory: Trajectory,
+    engine: type[Engine] | Failure,
+    result: DynamicsResult,
+    truth: DynamicsResult,
+    name: str,
+    size: Scales,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times of the samples of `_errors`, what is `allowed` there, and its names."""
+    floor = getattr(engine, "inertia_floor", 0.0)
+    if name in result.checks:
+        blocks = [allowed(scene, block, result, truth, name, size, floor) for block in trajectory.blocks()]
+        bound, names = (np.concatenate(part) for part in zip(*blocks, strict=True))
+        return trajectory.t, bound, names
+    at, held = trajectory.at(result.samples), np.isin(result.samples, truth.samples)
+    bound, names = allowed(scene, at, result, truth, name, size, floor)
+    return at.t[held], bound[held], names[held]
 
 
 def _judge(
-    errors: np.ndarray,
-    where: Sequence[str],
-    t: np.ndarray,
-    scale: float,
-    allowed: np.ndarray,
-    names: np.ndarray,
-    vague_because: str,
+    worst: Worst, scale: float, t: np.ndarray, allowed: np.ndarray, names: np.ndarray, vague_because: str
 ) -> dict:
     """One row's numbers and verdict; each sample is held to its own tolerance. A NaN never passes.
 
     Samples whose tolerance is above `LIMIT` are not judged.
     """
-    share = errors / (scale * allowed[:, None])
+    share = worst.error / (scale * allowed)
     vague = allowed > LIMIT
     fits = share <= 1.0
     passed = bool(fits.all())
-    sample, column = (int(i) for i in np.unravel_index(int(np.argmax(errors if passed else share)), errors.shape))
+    sample = int(np.argmax(worst.error if passed else share))
     verdict = FAIL if not fits[~vague].all() else UNSUPPORTED if vague.any() else PASS
-    max_abs = float(np.max(errors))  # NaN if any is
+    max_abs = float(np.max(worst.error))  # NaN if any is
     return {
         "max_abs": max_abs,
-        "rms": float(np.sqrt(np.mean(errors**2))),
+        "rms": float(np.sqrt(np.mean(worst.square))),
         "max_rel": max_abs / scale,
         "scale": scale,
         "tolerance": float(allowed[sample]),
         "tolerance_name": str(names[sample]),
         "verdict": verdict,
-        "share": float(share[sample, column]),
+        "share": float(share[sample]),
         "reason": vague_because if verdict == UNSUPPORTED else "",
-        "where": f"{where[column]}, t = {t[sample]:.6g} s",
+        "where": f"{worst.columns[worst.column[sample]]}, t = {t[sample]:.6g} s",
     }
 
 
@@ -139,6 +146,8 @@ def agreement(
 
     `where`, `reason` and `share`, the error there over what is allowed, stand beside the published columns.
     """
+    import pandas as pd  # takes long, and engines need none
+
     truth = truth_of(results)
     rows: list[dict] = []
     size = scales(scene, trajectory, truth) if isinstance(truth, DynamicsResult) else None
@@ -163,13 +172,9 @@ def agreement(
             elif not isinstance(truth, DynamicsResult) or size is None:
                 row["reason"] = "no certified truth to compare with"
             else:
-                errors, where = _errors(scene, trajectory, result, truth, q, size.length)
-                floor = getattr(engine, "inertia_floor", 0.0)
-                bound, names = allowed(scene, trajectory, result, truth, q, size, floor)
-                held = np.isin(result.samples, result.samples if q in (*LOOPS, "balance") else truth.samples)
-                t = trajectory.t[result.samples[held]]
+                bound = _allowed(scene, trajectory, engine, result, truth, q, size)
                 why = NO_BOUND if result.law else NO_DIGITS
-                row |= _judge(errors, where, t, size.of(q), bound[held], names[held], why)
-                row["us_per_sample"] = result.seconds / len(result.samples) * 1e6
+                row |= _judge(_errors(scene, trajectory, result, truth, q), size.of(q), *bound, why)
+                row["us_per_sample"] = result.seconds / (result.evaluated or len(result.samples)) * 1e6
             rows.append(row)
     return pd.DataFrame(rows)

@@ -20,6 +20,7 @@ from ..models.scene import Scene
 from . import engines, wrench
 
 if TYPE_CHECKING:
+    from .checks import Worst
     from .trajectory import Trajectory
 
 GROUP = "stewart_crosscheck.engines"
@@ -78,7 +79,10 @@ class DynamicsResult:
     (nt, 6), its acceleration and angular acceleration in world axes; ``mobility`` (nt,), condition of J M^-1 J^T;
     ``amplification``, what its solver makes of rounding beside a direct solve; and, if the solver is known not to be
     exact, its ``law`` with the errors ``predicted`` for reactions and platform, by these names and in their shapes, and
-    where that prediction is ``valid`` (nt,).
+    where that prediction is ``valid`` (nt,).  ``seconds``: wall time.
+
+    What `checks` makes of it holds the compared ``samples`` alone, and, in place of ``loops``, ``checks``: the gaps of
+    the loops and the Newton-Euler balance at all samples of the trajectory; ``evaluated``: how many these are.
     """
 
     engine: str
@@ -101,6 +105,8 @@ class DynamicsResult:
     law: Law | None = None
     predicted: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: float = float("nan")
+    checks: Mapping[str, Worst] = field(default_factory=dict)
+    evaluated: int = 0
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import math
 import typer
 
 MOST_SAMPLES = 1_000_000
-"""Beyond it the table of every number has a billion rows."""
+"""Beyond it the trajectory alone, 0.6 kB a sample, takes gigabytes in all the processes of a run."""
 
 LONGEST = 3600.0
 """Of a simulation, s: an hour has some million steps."""

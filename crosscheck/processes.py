@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
 import re
 import signal
 import tempfile
@@ -19,6 +20,7 @@ import numpy as np
 from pebble import ProcessExpired, ProcessPool
 
 from ..models.scene import Scene
+from .checks import inverse_dynamics
 from .engine import (
     REFERENCE,
     DynamicsResult,
@@ -61,12 +63,14 @@ def _work(log: str, task: Callable[..., T], args: tuple) -> T | Failure:
             return Failure(f"{type(e).__name__}: {e}")
 
 
-def dynamics(
-    name: str, scene: Scene, models: Mapping[str, str], trajectory: Trajectory, F: np.ndarray | None
-) -> DynamicsResult:
-    """A task: inverse dynamics, or forward dynamics under driving forces."""
+def dynamics(name: str, scene: Scene, models: Mapping[str, str], motion: Path, F: np.ndarray | None) -> DynamicsResult:
+    """A task: inverse dynamics along a `shared` trajectory, or forward dynamics under driving forces."""
     engine = load_engine(name)
-    if F is None:
+    with open(motion, "rb") as file:
+        trajectory: Trajectory = pickle.load(file)
+    if F is None and name != REFERENCE:
+        return inverse_dynamics(name, engine, scene, models, trajectory)
+    if F is None:  # it chooses its samples itself
         route, result = engine.route, engine(scene, models).inverse_dynamics(trajectory)
     else:
         assert is_forward(engine)
@@ -121,8 +125,17 @@ class Workers(Generic[K]):
     def __exit__(self, *exception: object) -> None:
         for pool in self._pools.values():
             pool.stop()  # also what still runs after an interrupt
+        for pool in self._pools.values():  # each takes a tenth of a second to notice, all at once
             pool.join()
         self._folder.cleanup()
+
+    def shared(self, value: object) -> Path:
+        """A file with a value for several tasks: sent to each, a long trajectory would lie in memory as often."""
+        self._count += 1
+        path = Path(self._folder.name) / str(self._count)
+        with open(path, "wb") as file:
+            pickle.dump(value, file)
+        return path
 
     def start(self, engine: str, key: K, task: Callable[..., Any], *args: Any) -> None:
         """Give an engine's process a task whose outcome `ended` tells under `key`."""
@@ -173,19 +186,19 @@ def run_engines(
         done(*key, result)
 
     def start_forward(workers: Workers[Key], truth: DynamicsResult | Failure) -> None:
-        for name, engine in engines.items():
-            if not is_forward(engine):
-                continue
-            key = (name, engine.forward_route)
-            if isinstance(truth, DynamicsResult):
-                motion = trajectory.at(truth.samples).without_accelerations()
-                workers.start(name, key, dynamics, name, scene, models, motion, truth.F)
-            else:
+        keys = [(name, engine.forward_route) for name, engine in engines.items() if is_forward(engine)]
+        if not isinstance(truth, DynamicsResult):
+            for key in keys:
                 end(key, Failure("no certified driving forces"))
+            return
+        motion = workers.shared(trajectory.at(truth.samples).without_accelerations())
+        for key in keys:
+            workers.start(key[0], key, dynamics, key[0], scene, models, motion, truth.F)
 
     with Workers[Key](engines, SECONDS + SECONDS_PER_SAMPLE * len(trajectory.t)) as workers:
-        for name, engine in engines.items():
-            workers.start(name, (name, engine.route), dynamics, name, scene, models, trajectory, None)
+        motion = workers.shared(trajectory)
+        for name in sorted(engines, key=lambda name: name != REFERENCE):  # others wait for its driving forces
+            workers.start(name, (name, engines[name].route), dynamics, name, scene, models, motion, None)
         if REFERENCE not in engines:
             start_forward(workers, Failure(""))
         for key, result in workers.ended():

@@ -11,13 +11,14 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models import write_models
 from ..models.scene import Scene, SceneError
 from . import compare
+from .chosen import SEED
 from .compare import ERROR, FAIL
 from .engine import (
     REFERENCE,
@@ -36,6 +37,9 @@ from .processes import run_engines
 from .samples import samples
 from .tolerance import ROUND_OFF, of_forces
 from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 AGREE, DISAGREE, ENGINE_FAILED = 0, 1, 3
 """Exit statuses of a comparison."""
@@ -210,8 +214,6 @@ def _failed(results: dict[Key, DynamicsResult | Failure]) -> dict[str, dict[str,
 def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
     if isinstance(result, Failure):
         return {"samples": 0, "of": nt}
-    from .engines.reference_ import SEED  # its package may be missing
-
     return {"samples": len(result.samples), "of": nt, "seed": SEED}
 
 

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models.scene import Scene
 from .compare import certified, forward_quantities, values
 from .engine import HULL, DynamicsResult, Failure, Key
 from .trajectory import Trajectory
 
-SAMPLE_COLUMNS = ("engine", "route", "t", "leg", "quantity", "component", "value", "radius")
-
-BLOCK = 2000
-"""Trajectory rows per block of the samples table."""
+if TYPE_CHECKING:
+    import pandas as pd
 
 _Column = tuple[str, str, np.ndarray, np.ndarray]
 """Quantity, component, values and radii (nt, legs)."""
@@ -32,26 +29,25 @@ def components(scene: Scene, name: str) -> str:
 def samples(
     scene: Scene, trajectory: Trajectory, results: Mapping[Key, DynamicsResult | Failure]
 ) -> Iterator[pd.DataFrame]:
-    """Every number of every engine in long form, one row per component, in blocks; hull and platform are leg 0."""
+    """Every number of every engine at the compared samples in long form, one row per component, an engine at a time.
+
+    Hull and platform are leg 0.
+    """
     for (name, _), result in results.items():
-        if isinstance(result, Failure):
-            continue
-        for start in range(0, len(result.samples), BLOCK):
-            block = slice(start, start + BLOCK)
-            yield _samples(scene, name, result, trajectory.t[result.samples[block]], block)
+        if not isinstance(result, Failure):
+            yield _samples(scene, name, result, trajectory.t[result.samples])
 
 
-def _samples(scene: Scene, name: str, result: DynamicsResult, t: np.ndarray, block: slice) -> pd.DataFrame:
-    platform = None if result.platform is None else result.platform[block]
-    part = replace(result, F=result.F[block], reactions=result.reactions[block], platform=platform)
+def _samples(scene: Scene, name: str, result: DynamicsResult, t: np.ndarray) -> pd.DataFrame:
+    import pandas as pd
 
     def vectors(quantities: Sequence[str]) -> list[_Column]:
         columns: list[_Column] = []
         for q in quantities:
             if result.radius:
-                x, r = (v[block] for v in certified(scene, result, q))
+                x, r = certified(scene, result, q)
             else:
-                x = values(scene, part, q)
+                x = values(scene, result, q)
                 r = np.full_like(x, np.nan)
             axes = components(scene, q) if x.shape[2] == 3 else "-"
             for axis in axes:
@@ -59,18 +55,20 @@ def _samples(scene: Scene, name: str, result: DynamicsResult, t: np.ndarray, blo
                 columns.append((q, axis, x[..., k], r[..., k]))
         return columns
 
-    if platform is not None:  # the driving forces were handed in
+    if result.platform is not None:  # the driving forces were handed in
         of_legs, of_none = vectors(scene.quantities[1:]), vectors((*HULL, *forward_quantities(scene)))
     else:
-        scalars = (("L", result.L[block]), ("dL", result.dL[block]), ("power", result.F[block] * result.dL[block]))
-        of_legs = [*vectors(scene.quantities), *((q, "-", x, _radius_beside(q, result, block, x)) for q, x in scalars)]
+        scalars = (("L", result.L), ("dL", result.dL), ("power", result.F * result.dL))
+        of_legs = [*vectors(scene.quantities), *((q, "-", x, _radius_beside(q, result, x)) for q, x in scalars)]
         of_none = vectors(HULL)
     parts = [_long(t, scene.legs, of_legs), _long(t, (0,), of_none)]
-    return pd.concat(parts, ignore_index=True).assign(engine=name, route=result.route)[[*SAMPLE_COLUMNS]]
+    return pd.concat(parts, ignore_index=True).assign(engine=name, route=result.route)
 
 
 def _long(t: np.ndarray, legs: Sequence[int], columns: Sequence[_Column]) -> pd.DataFrame:
     """One row per time, leg and column."""
+    import pandas as pd
+
     names, axes, values, radii = zip(*columns, strict=True)
     shape = (len(t), len(legs), len(columns))
     return pd.DataFrame(
@@ -85,12 +83,11 @@ def _long(t: np.ndarray, legs: Sequence[int], columns: Sequence[_Column]) -> pd.
     )
 
 
-def _radius_beside(name: str, result: DynamicsResult, block: slice, x: np.ndarray) -> np.ndarray:
+def _radius_beside(name: str, result: DynamicsResult, x: np.ndarray) -> np.ndarray:
     """Radius of L, dL and of the power F dL (a product of two balls, and its rounding)."""
     if not result.radius:
         return np.full_like(x, np.nan)
     if name != "power":
-        return result.radius[name][block]
-    F, dL = result.F[block], result.dL[block]
-    r_F, r_dL = result.radius["F"][block], result.radius["dL"][block]
+        return result.radius[name]
+    F, dL, r_F, r_dL = result.F, result.dL, result.radius["F"], result.radius["dL"]
     return (np.abs(F) * r_dL + np.abs(dL) * r_F + r_F * r_dL + np.abs(x) * np.finfo(float).eps) * (1 + 1e-12)

@@ -41,14 +41,14 @@ def scales(scene: Scene, trajectory: Trajectory, truth: DynamicsResult) -> Scale
     reactions = [quantity(scene, n, truth.F, truth.reactions) for n in scene.quantities if n.startswith("F_")]
     force = max(float(np.linalg.norm(x, axis=2).max()) for x in reactions) or 1.0
     length = float(truth.L.max())
-    r = np.einsum("tij,nj->tni", trajectory.rotation, np.array(scene.pins))
-    w, dw = (x[:, None] for x in (trajectory.angular_velocity, trajectory.angular_acceleration))
-    V = trajectory.velocity[:, None] + np.cross(w, r)
-    A = trajectory.acceleration[:, None] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
-    return Scales(
-        force,
-        length,
-        float(np.linalg.norm(V, axis=2).max()) + length,
-        float(np.linalg.norm(A, axis=2).max()) + length,
-        float(np.linalg.norm(r, axis=2).max()) or length,
-    )
+    speed, acceleration, lever = np.max([_tips(scene, block) for block in trajectory.blocks()], axis=0).tolist()
+    return Scales(force, length, speed + length, acceleration + length, lever or length)
+
+
+def _tips(scene: Scene, at: Trajectory) -> list[float]:
+    """Largest speed, acceleration and lever of a pin of the platform."""
+    r = np.einsum("tij,nj->tni", at.rotation, np.array(scene.pins))
+    w, dw = (x[:, None] for x in (at.angular_velocity, at.angular_acceleration))
+    V = at.velocity[:, None] + np.cross(w, r)
+    A = at.acceleration[:, None] + np.cross(dw, r) + np.cross(w, np.cross(w, r))
+    return [float(np.linalg.norm(x, axis=2).max()) for x in (V, A, r)]

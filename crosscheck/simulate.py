@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..models import write_models
 from .engine import (
@@ -24,6 +24,9 @@ from .simulation import Accelerated, Row, Solution, acceleration_errors, table
 from .stepping import Method, Simulated
 from .tasks import run_tasks, simulates
 from .trajectory import SAMPLES, Trajectory, TrajectoryError, from_scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ANALYTIC = AnalyticEngine.name
 
@@ -44,6 +47,8 @@ class SimulationReport:
 
     def states(self) -> pd.DataFrame:
         """Pose and twist at the output times, every engine and method."""
+        import pandas as pd
+
         blocks = []
         for (name, method), s in self.results.items():
             if isinstance(s, Failure):

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ..analytic.solve import longest_lever
 from ..models.scene import Scene
@@ -24,6 +24,9 @@ from .scales import scales
 from .stepping import Method, Simulated
 from .tolerance import ACCELERATIONS, ENERGY, FOLLOWS, LAW_FACTOR, NEAR, QUADRATURE, of_accelerations
 from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SETTLED = 10
 """Steps before errors fall as the order says; MuJoCo's soft loops sink in within the first few."""
@@ -176,6 +179,8 @@ def table(
     accelerated: Mapping[tuple[str, str], Accelerated | Failure],
 ) -> pd.DataFrame:
     """Every expected row, whether its engine ran or not."""
+    import pandas as pd
+
     rows = []
     for (name, method), result in results.items():
         row: dict = {

@@ -14,8 +14,6 @@ from time import perf_counter
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from ..analytic.integrate import SimulationError, integrate
 from ..models.scene import Scene
@@ -182,6 +180,8 @@ class SteppingEngine(SolverEngine):
     def simulate(self, problem: Problem, method: Method) -> Simulated:
         """The motion from the problem's start under its forces. Raises EngineError, never returns half an answer."""
         assert method.steps is not None
+        from scipy.interpolate import make_interp_spline  # half a second, which `run` need not wait for
+
         F = Staged(problem, method.steps)
         start = perf_counter()
         if method.route == self.route:
@@ -214,6 +214,8 @@ class SteppingEngine(SolverEngine):
 
 def continuous(R: np.ndarray) -> np.ndarray:
     """Unit quaternions (nt, 4), scalar first, of rotations (nt, 3, 3): q_w >= 0 at first, then without jumps."""
+    from scipy.spatial.transform import Rotation
+
     q = Rotation.from_matrix(R).as_quat(canonical=True)[:, [3, 0, 1, 2]]
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
     return q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]

@@ -103,7 +103,7 @@ def run_tasks(
     names = [*able, *([REFERENCE] if motion is not None else [])]
     with Workers[_Task](names, SECONDS + SECONDS_PER_SECOND * problem.duration) as workers:
         if motion is not None:
-            workers.start(REFERENCE, _Task(REFERENCE), dynamics, REFERENCE, scene, models, motion, None)
+            workers.start(REFERENCE, _Task(REFERENCE), dynamics, REFERENCE, scene, models, workers.shared(motion), None)
         for name, methods in able.items():
             for method in methods:
                 if not method.unsupported:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from .. import analytic
 from ..analytic import Infeasible, PlatformMotion, SingularPose
@@ -21,6 +21,9 @@ from .waves import sines
 
 SAMPLES = 201
 """Samples of a scene's own motion, unless another number is asked for."""
+
+BLOCK = 2000
+"""Samples at a time: an engine's matrices of one block take some 30 MB."""
 
 _UNTURNED = (Component(), Component(), Component())
 
@@ -64,7 +67,12 @@ class Trajectory:
         """Quaternion of length 1, shape (nt, 4)."""
         return self.quaternion / np.linalg.norm(self.quaternion, axis=1, keepdims=True)
 
-    def at(self, samples: np.ndarray) -> Trajectory:
+    def blocks(self) -> Iterator[Trajectory]:
+        """Views of `BLOCK` samples each, in their order: what is computed of all samples need not exist at once."""
+        for first in range(0, len(self.t), BLOCK):
+            yield self.at(slice(first, first + BLOCK))
+
+    def at(self, samples: np.ndarray | slice) -> Trajectory:
         """Some of its samples."""
 
         def part(x: Any) -> Any:
@@ -243,6 +251,8 @@ def from_file(scene: Scene, path: str | Path) -> Trajectory:
             f"{file}: got {len(t)} rows of poses alone, expected at least {SPLINE_ROWS} for the spline, or the columns"
             f" {', '.join(RATES)}"
         )
+    from scipy.interpolate import make_interp_spline  # half a second, for those who have poses alone
+
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
     q = q * np.concatenate([[1.0], np.cumprod(sign)])[:, None]
     try:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import pandas as pd
+import math
+from typing import TYPE_CHECKING
+
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _STYLE = {"pass": "green", "fail": "bold red"}
 _TITLES = {
@@ -27,7 +32,7 @@ WIDE = 120
 
 
 def _number(value: float) -> str:
-    return "" if pd.isna(value) else f"{value:.1e}"
+    return "" if math.isnan(value) else f"{value:.1e}"
 
 
 def _place(row: pd.Series) -> str:

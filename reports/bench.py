@@ -15,8 +15,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from .files import write_files
-from .page import Shown, page
-from .plots import draw
 
 SPEED_ERROR_COLUMNS = [
     "task", "scene", "engine", "route", "backend", "setting", "batch", "us_per_sample", "us_p10", "us_p90",
@@ -215,6 +213,9 @@ def write_bench(
     folder: Path, speed_error: pd.DataFrame, scaling: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any]
 ) -> None:
     """speed_error.csv, scaling.csv, split.csv, plots as SVG and PNG, report.html, run.json. Raises OutputError."""
+    from .page import Shown, page  # with matplotlib: a second, which no other command need wait for
+    from .plots import draw
+
     baseline = yardstick(info)
     plots = draw(speed_error, scaling, baseline)
     shown = []

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 AGREEMENT_COLUMNS = [
     "run_id", "scene", "trajectory", "engine", "engine_version", "route", "setting", "quantity", "unit",
     "max_abs", "rms", "max_rel", "scale", "tolerance", "tolerance_name", "verdict", "us_per_sample",
 ]  # fmt: skip
+
+SAMPLE_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "value", "radius"]
 
 SIMULATION_COLUMNS = [
     "run_id", "scene", "engine", "engine_version", "route", "setting", "integrator", "dt", "against", "pose_error",
@@ -114,13 +118,21 @@ def write_run(folder: Path, agreement: pd.DataFrame, samples: Iterable[pd.DataFr
     with _whole(folder) as staging:
         agreement[AGREEMENT_COLUMNS].to_csv(staging / "agreement.csv", index=False)
         with open(staging / "samples.csv", "w", encoding="utf-8", newline="") as file:
-            header = True
+            file.write(",".join(SAMPLE_COLUMNS) + "\n")
             for block in samples:
-                block.to_csv(file, index=False, float_format="%.17g", header=header)
-                header = False
-            if header:
-                file.write("engine,route,t,leg,quantity,component,value,radius\n")
+                _write_rows(file, block[SAMPLE_COLUMNS])
         (staging / "run.json").write_text(json.dumps(info, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_rows(file: TextIO, table: pd.DataFrame) -> None:
+    """Rows of a CSV: floats with 17 significant digits, nothing for a NaN. `to_csv` takes twice as long."""
+
+    def texts(column: pd.Series) -> list:
+        values = column.tolist()
+        return [f"{x:.17g}" if x == x else "" for x in values] if column.dtype.kind == "f" else values
+
+    columns = (texts(table[name]) for name in table)
+    csv.writer(file, lineterminator="\n").writerows(zip(*columns, strict=True))
 
 
 def write_simulation(folder: Path, simulation: pd.DataFrame, states: pd.DataFrame, info: Mapping[str, Any]) -> None:

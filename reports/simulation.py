@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import pandas as pd
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from .terminal import STYLE, print_reasons
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _INTEGRATORS = {
     "RK4 + Baumgarte": "RK4 +B",
@@ -20,7 +26,7 @@ _INTEGRATORS = {
 
 
 def _number(value: float) -> str:
-    return "" if pd.isna(value) else f"{value:.1e}"
+    return "" if math.isnan(value) else f"{value:.1e}"
 
 
 def _errors(row: pd.Series, length: float) -> list[str]:
@@ -30,15 +36,15 @@ def _errors(row: pd.Series, length: float) -> list[str]:
     return [
         _number(row["pose_error"]),
         _number(row["rotation_error"]),
-        "" if pd.isna(row["order"]) else f"{row['order']:.1f}",
+        "" if math.isnan(row["order"]) else f"{row['order']:.1f}",
         f"[{STYLE[verdict]}]{verdict}" + (f" to {row['judged_until']:.3g} s" if cut else "") + "[/]",
     ]
 
 
 def _costs(row: pd.Series, length: float) -> list[str]:
     """Gap, energy, accelerations, wall time."""
-    acceleration = pd.Series([row["a_error"], row["alpha_error"]]).max()
-    wall = "" if pd.isna(row["wall_per_second"]) else f"{row['wall_per_second']:.2f}"
+    acceleration = float(np.fmax(row["a_error"], row["alpha_error"]))
+    wall = "" if math.isnan(row["wall_per_second"]) else f"{row['wall_per_second']:.2f}"
     return [*(_number(x) for x in (row["loop_gap"], row["energy_defect"], acceleration)), wall]
 
 
@@ -54,7 +60,7 @@ _TABLES = (
 
 def print_simulation(simulation: pd.DataFrame, duration: float, console: Console) -> None:
     """Print errors and costs of every engine and method, how errors grow, what failed, and the verdict."""
-    against = simulation["against"].replace("", pd.NA).dropna()
+    against = simulation.loc[simulation["against"] != "", "against"]
     which = {"motion": "prescribed motion", "analytic": "analytic solution"}.get(next(iter(against), ""), "solution")
     for title, heads, cells in _TABLES:
         console.print(title.format(against=which), highlight=False, style="italic")
@@ -69,7 +75,7 @@ def print_simulation(simulation: pd.DataFrame, duration: float, console: Console
             shown = ("", "") if where == before else (where[0] if where[0] != before[0] else "", where[1])
             before = where
             integrator = _INTEGRATORS.get(str(row["integrator"]), str(row["integrator"]))
-            dt = "" if pd.isna(row["dt"]) else f"{row['dt']:.2g}"
+            dt = f"{row['dt']:.2g}" if row.notna()["dt"] else ""
             table.add_row(*shown, escape(integrator), dt, *cells(row, duration))
         console.print(table, crop=False)
         console.print()
@@ -83,7 +89,7 @@ def print_simulation(simulation: pd.DataFrame, duration: float, console: Console
         )
     for _, row in simulation[simulation["verdict"] == "fail"].iterrows():
         which = " ".join(str(row[name]) for name in ("engine", "route", "integrator"))
-        at = "" if pd.isna(row["dt"]) else f" {row['dt']:.3g} s"
+        at = f" {row['dt']:.3g} s" if row.notna()["dt"] else ""
         console.print(
             f"[bold red]FAIL[/] {escape(which)}{at}: {escape(str(row['reason']))}", highlight=False, soft_wrap=True
         )

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import pandas as pd
+from typing import TYPE_CHECKING
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 STYLE = {"pass": "green", "fail": "bold red", "error": "yellow", "unsupported": "dim"}
 
@@ -62,7 +66,7 @@ def print_verdict(agreement: pd.DataFrame, console: Console) -> None:
     """
     routes = agreement.drop_duplicates(["engine", "route"])[["engine", "route", "engine_version"]]
     handed = agreement[agreement["quantity"] == _FORWARD].set_index(["engine", "route"]).index
-    routes["forward"] = pd.MultiIndex.from_frame(routes[["engine", "route"]]).isin(handed)
+    routes["forward"] = routes.set_index(["engine", "route"]).index.isin(handed)
     for title, which in (
         ("largest error over scale (certified: proven radius over scale)", ~routes["forward"]),
         ("engines' own solvers under certified driving forces: largest error ≤ allowed, over scale", routes["forward"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 
 from stewart_crosscheck.analytic import Parameters, PlatformMotion, forward
 from stewart_crosscheck.analytic.solve import row_scaled
-from stewart_crosscheck.crosscheck.engine import DynamicsResult, Engine, Key, load_engine
+from stewart_crosscheck.crosscheck.checks import checks, longest_leg
+from stewart_crosscheck.crosscheck.engine import DynamicsResult, Engine, Failure, Key, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, load_scene
 
@@ -48,9 +50,19 @@ def engine_name(request: pytest.FixtureRequest) -> str:
     return name
 
 
-def keyed(engines: Mapping[str, type[Engine]], results: Mapping[str, Any]) -> dict[Key, Any]:
-    """Results of inverse dynamics by engine and route."""
-    return {(name, engine.route): results[name] for name, engine in engines.items()}
+def keyed(
+    scene: Scene, trajectory: Trajectory, engines: Mapping[str, type[Engine]], results: Mapping[str, Any]
+) -> dict[Key, Any]:
+    """Results of inverse dynamics by engine and route, each with the checks that its engine declares."""
+    keys = {(name, engine.route): (engine, results[name]) for name, engine in engines.items()}
+    return {key: with_checks(scene, trajectory, engine, result) for key, (engine, result) in keys.items()}
+
+
+def with_checks(scene: Scene, trajectory: Trajectory, engine: type[Engine], result: Any) -> Any:
+    """A result as it comes back from an engine's process."""
+    if isinstance(result, Failure) or not engine.checks:
+        return result
+    return replace(result, checks=checks(scene, engine, trajectory, result, longest_leg(scene, trajectory)))
 
 
 def parameters(scene: Scene) -> Parameters:

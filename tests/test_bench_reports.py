@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from stewart_crosscheck.reports import SPEED_ERROR_COLUMNS, print_bench, write_bench
-from stewart_crosscheck.reports import bench as reports_bench
+from stewart_crosscheck.reports import plots as reports_plots
 from stewart_crosscheck.reports.bench import TITLES, best, number, samples, summary
 from stewart_crosscheck.reports.plots import (
     MARKERS,
@@ -286,7 +286,7 @@ def page(
     """The page of these tables, read again."""
 
     def write(info: dict) -> Reader:
-        monkeypatch.setattr(reports_bench, "draw", lambda *_: plots)
+        monkeypatch.setattr(reports_plots, "draw", lambda *_: plots)
         folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
         write_bench(folder, table, scaling, SPLIT, info)
         return read((folder / "report.html").read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import with_checks
 from machines import random_scene
 
 from stewart_crosscheck.crosscheck.bounds import burden, of_floor
@@ -127,7 +128,7 @@ def rows_of(scene: Scene, name: str, models: dict[str, str] | None = None) -> An
     truth = engines["reference"](scene).inverse_dynamics(trajectory)
     engine = engines[name](scene, models)
     results: dict = {
-        (name, "kkt"): engine.inverse_dynamics(trajectory),
+        (name, "kkt"): with_checks(scene, trajectory, engines[name], engine.inverse_dynamics(trajectory)),
         (name, "native"): engine.forward_dynamics(trajectory.without_accelerations(), truth.F),
         ("reference", "certified"): truth,
     }

@@ -36,7 +36,9 @@ def results(hexapod: Scene, trajectory: Trajectory, truth: DynamicsResult) -> di
 
 
 def table(hexapod: Scene, trajectory: Trajectory, results: dict) -> Any:
-    return agreement("id", hexapod, trajectory, ENGINES, keyed(ENGINES, results)).set_index(["engine", "quantity"])
+    return agreement("id", hexapod, trajectory, ENGINES, keyed(hexapod, trajectory, ENGINES, results)).set_index(
+        ["engine", "quantity"]
+    )
 
 
 def spoiled(result: DynamicsResult, **changes: Any) -> DynamicsResult:
@@ -244,7 +246,11 @@ def test_balance_is_never_loosened(hexapod: Scene, trajectory: Trajectory, truth
     reactions[11, 0, 4] += 1e-9
     wrong = dataclasses.replace(kkt, reactions=reactions)
     rows = agreement(
-        "id", hexapod, hard_at(trajectory, 11), engines, keyed(engines, {"mujoco": wrong, "reference": truth})
+        "id",
+        hexapod,
+        hard_at(trajectory, 11),
+        engines,
+        keyed(hexapod, trajectory, engines, {"mujoco": wrong, "reference": truth}),
     )
     rows = rows.set_index(["engine", "quantity"])["verdict"]
     assert rows["mujoco", "balance"] == "fail"
@@ -269,7 +275,9 @@ def test_the_tolerance_of_loops_cuts_where_it_says(
     loops[LOOPS[level]][7, 4] = factor * 1e-14 * scale * np.array([0.6, 0.0, -0.8])
     kkt = dataclasses.replace(truth, radius={}, loops=loops)
     engines = {"mujoco": load_engine("mujoco"), "reference": ENGINES["reference"]}
-    rows = agreement("id", hexapod, trajectory, engines, keyed(engines, {"mujoco": kkt, "reference": truth}))
+    rows = agreement(
+        "id", hexapod, trajectory, engines, keyed(hexapod, trajectory, engines, {"mujoco": kkt, "reference": truth})
+    )
     rows = rows.set_index(["engine", "quantity"]).loc["mujoco"]
     assert rows.loc[LOOPS[level], "verdict"] == verdict
     assert rows.loc[LOOPS[level], "where"] == f"leg 5, t = {trajectory.t[7]:.6g} s"

@@ -98,7 +98,7 @@ def test_hard_poses_keep_to_the_law_of_the_tolerance(
     scene, trajectory = hard_scene(hexapod, kind, distance)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
+    rows = agreement("id", scene, trajectory, engines, keyed(scene, trajectory, engines, results))
     rows = rows[~rows["quantity"].isin(LOOPS)]  # below
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel", "tolerance"]]
     margin = (rows["tolerance"] / rows["max_rel"])[rows["engine"] == engine_name].min()
@@ -115,7 +115,7 @@ def test_loops_of_a_moving_steep_leg_keep_to_the_law_of_the_tolerance(
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
     rows = (
-        agreement("id", scene, trajectory, engines, keyed(engines, results))
+        agreement("id", scene, trajectory, engines, keyed(scene, trajectory, engines, results))
         .set_index(["engine", "quantity"])
         .loc[engine_name]
     )

@@ -7,14 +7,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from stewart_crosscheck.reports import AGREEMENT_COLUMNS, OutputError, require_free, write_files, write_run
+from stewart_crosscheck.reports import AGREEMENT_COLUMNS, OutputError, files, require_free, write_files, write_run
 
 NAMES = {"agreement.csv", "samples.csv", "run.json"}
 SAMPLES_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "value", "radius"]
@@ -108,15 +108,19 @@ def test_an_error_among_the_samples_leaves_an_empty_folder_empty(tmp_path: Path)
 @pytest.mark.parametrize("failing", [1, 2, 3])
 def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int) -> None:
     """The first, second or third table does not fit."""
-    to_csv, calls = pd.DataFrame.to_csv, [0]
+    calls = [0]
 
-    def full(self: pd.DataFrame, *args: object, **options: object) -> object:
-        calls[0] += 1
-        if calls[0] == failing:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return to_csv(self, *args, **options)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    def until_full(write: Callable[..., object]) -> Callable[..., object]:
+        def full(*args: object, **options: object) -> object:
+            calls[0] += 1
+            if calls[0] == failing:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return write(*args, **options)
 
-    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+        return full
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", until_full(pd.DataFrame.to_csv))
+    monkeypatch.setattr(files, "_write_rows", until_full(files._write_rows))
     folder = tmp_path / "new" / "run"
     with pytest.raises(OutputError, match=f"^--out {folder}: No space left on device; nothing was written$"):
         write_run(folder, AGREEMENT, [block(1.0), block(2.0)], INFO)

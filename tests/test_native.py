@@ -17,6 +17,7 @@ from machines import random_planar, random_scene
 from test_engines import hard_scene
 
 from stewart_crosscheck.crosscheck import compare, tolerance
+from stewart_crosscheck.crosscheck.checks import Worst
 from stewart_crosscheck.crosscheck.compare import NO_BOUND, agreement, expected
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, EngineError, load_engine, values
 from stewart_crosscheck.crosscheck.native import mobility, response
@@ -59,10 +60,10 @@ def error_and_law(
     scene: Scene, trajectory: Trajectory, truth: DynamicsResult, result: DynamicsResult, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Error over the scale at each sample, and its law: norms of vectors, largest over the legs."""
-    error, _ = compare._errors(scene, trajectory, result, truth, name, 1.0)
+    error = compare._errors(scene, trajectory, result, truth, name).error
     law = values(scene, dataclasses.replace(result, **result.predicted), name)
     scale = scales(scene, trajectory, truth).of(name)
-    return error.max(axis=1) / scale, np.linalg.norm(law, axis=2).max(axis=1) / scale
+    return error / scale, np.linalg.norm(law, axis=2).max(axis=1) / scale
 
 
 # --- Laws -------------------------------------------------------------------------------------------------------------
@@ -212,7 +213,8 @@ def test_a_law_that_says_nothing_is_unsupported_and_says_so(engine_name: str, he
 )
 def test_samples_without_a_bound_hide_no_failure(errors: list[float], allowed: list[float], verdict: str) -> None:
     names = np.array(["x", "x"])
-    row = compare._judge(np.array(errors)[:, None], ["leg 1"], np.array([0.0, 1.0]), 1.0, np.array(allowed), names, "")
+    worst = Worst.of(np.array(errors)[:, None], ["leg 1"])
+    row = compare._judge(worst, 1.0, np.array([0.0, 1.0]), np.array(allowed), names, "")
     assert row["verdict"] == verdict
 
 

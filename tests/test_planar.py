@@ -58,7 +58,7 @@ def test_agrees_with_truth_under_load_and_inclined_gravity(engine_name: str, poi
     trajectory = from_scene(scene, 7)
     engines = {name: load_engine(name) for name in (engine_name, "reference")}
     results = {name: e(scene).inverse_dynamics(trajectory) for name, e in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
+    rows = agreement("id", scene, trajectory, engines, keyed(scene, trajectory, engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[["engine", "quantity", "max_rel"]]
     assert (rows["tolerance"] <= ROUNDING).all()
     assert abs(scene.gravity[0]) > 0.1

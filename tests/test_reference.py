@@ -14,9 +14,10 @@ from machines import dense_newton_euler, random_scene
 
 from stewart_crosscheck.analytic import PlatformMotion, stewart
 from stewart_crosscheck.crosscheck import newton_euler
+from stewart_crosscheck.crosscheck.chosen import chosen_samples
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, load_engine, quantity
 from stewart_crosscheck.crosscheck.engines import reference_
-from stewart_crosscheck.crosscheck.engines.reference_ import NotCertified, certified, chosen_samples
+from stewart_crosscheck.crosscheck.engines.reference_ import NotCertified, certified
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene
 

@@ -69,7 +69,7 @@ def test_every_engine_agrees_with_truth(engine_name: str, name: str) -> None:
     trajectory = from_scene(scene, 9)
     engines = {e: load_engine(e) for e in (engine_name, "reference")}
     results = {e: engine(scene).inverse_dynamics(trajectory) for e, engine in engines.items()}
-    rows = agreement("id", scene, trajectory, engines, keyed(engines, results))
+    rows = agreement("id", scene, trajectory, engines, keyed(scene, trajectory, engines, results))
     assert set(rows["verdict"]) == {"pass"}, rows[rows["verdict"] != "pass"][["engine", "quantity", "max_rel"]]
     floor = 1e-14 if (engine_name, name) == ("mujoco", "tsai2000") else 0.0
     assert (rows["tolerance"] <= 1e-13 + floor).all()  # no built-in scene is a hard one

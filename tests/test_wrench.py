@@ -143,7 +143,9 @@ def test_reactions_that_miss_the_momentum_show_at_the_hull(hexapod: Scene, traje
     results = {name: e(hexapod).inverse_dynamics(trajectory) for name, e in engines.items()}
     first = next(j for j, joint in enumerate(hexapod.joints) if joint.parent == "hull")
     results["analytic"].reactions[4, first, 3] += 1e-3
-    rows = agreement("id", hexapod, trajectory, engines, keyed(engines, results)).set_index(["engine", "quantity"])
+    rows = agreement("id", hexapod, trajectory, engines, keyed(hexapod, trajectory, engines, results)).set_index(
+        ["engine", "quantity"]
+    )
     assert rows.loc[("analytic", "F_hull"), "verdict"] == "fail"
     assert rows.loc[("analytic", "F_hull"), "max_abs"] == pytest.approx(1e-3, rel=1e-9)
     assert rows.loc[("analytic", "F_hull"), "where"] == f"hull, t = {trajectory.t[4]:.6g} s"

@@ -18,6 +18,7 @@ from flint import arb
 
 from ...models.scene import Scene
 from .. import wrench
+from ..chosen import chosen_samples
 from ..engine import DynamicsResult, EngineError, by_joint, engine_version
 from ..newton_euler import Infeasible, Sample
 
@@ -27,9 +28,6 @@ BOUND = 1e-20
 
 LEAST_FORCE = 1e-9
 """What the bound refers to when forces cancel, N."""
-
-MOST_SAMPLES = 1000
-SEED = 20160403
 
 
 class NotCertified(EngineError):
@@ -97,14 +95,6 @@ def _to_float(x: arb) -> tuple[float, float]:
     value = float(x.mid())
     distance = abs(x - arb(value))
     return value, 0.0 if distance == 0 else math.nextafter(float(distance.abs_upper()), math.inf)
-
-
-def chosen_samples(nt: int, condition: np.ndarray, sin_q_n: np.ndarray) -> np.ndarray:
-    """All samples up to 1000; beyond, 1000 seeded ones, the worst conditioned and the steepest."""
-    if nt <= MOST_SAMPLES:
-        return np.arange(nt)
-    picked = np.random.default_rng(SEED).choice(nt, MOST_SAMPLES, replace=False)
-    return np.unique([*picked, np.argmax(condition), np.argmin(sin_q_n)])
 
 
 class ReferenceEngine:
