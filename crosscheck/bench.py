@@ -136,7 +136,7 @@ def bench(
             (outcome,) = (outcome for _, outcome in workers.ended())
             return outcome
 
-        truth = ask(REFERENCE, dynamics, REFERENCE, scene, models, trajectory, None)
+        truth = ask(REFERENCE, dynamics, REFERENCE, scene, models, workers.shared(trajectory), None)
         if not isinstance(truth, DynamicsResult):
             raise EngineError(f"no certified truth: {truth.reason}")
         inputs = Inputs(scene, models, trajectory, truth.F, problem)
