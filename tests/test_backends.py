@@ -249,18 +249,53 @@ def test_five_legs_say_what_is_determined(backend: str, hexapod: Scene, trajecto
 
 def test_one_after_another_without_overhead(hexapod: Scene, trajectory: Trajectory) -> None:
     P, m = parameters(hexapod), trajectory.motion
-    loop, F = ControlLoop(P), analytic.driving_forces(P, m)
+    loop, every, F = ControlLoop(P), ControlLoop(P, "inverse_dynamics"), analytic.driving_forces(P, m)
+    numbers = analytic.inverse_dynamics(P, m).numbers
     for k in range(len(F)):
-        loop.motion[:] = np.concatenate([a[k].ravel() for a in m])
+        loop.given[:] = every.given[:] = np.concatenate([a[k].ravel() for a in m])
         loop()
-        np.testing.assert_allclose(loop.F, F[k], rtol=0, atol=ROUNDING * 335)
-    loop.motion[3:12] = 0.0
+        every()
+        np.testing.assert_allclose(loop.found, F[k], rtol=0, atol=ROUNDING * 335)
+        np.testing.assert_allclose(every.found, numbers[:, k], rtol=0, atol=ROUNDING * 335)
+    loop.given[3:12] = 0.0
     with pytest.raises(SingularPose, match="parallel singularity"):
         loop()
-    loop.motion[3:12] = m.R[0].ravel()
-    loop.motion[20] = np.nan
+    loop.given[3:12] = m.R[0].ravel()
+    loop.given[20] = np.nan
     with pytest.raises(ValueError, match=r"motion.ddC_p: sample 0 is not finite"):
         loop()
+    with pytest.raises(ValueError, match="problem: got 'forces', expected one of driving_forces, inverse_dynamics"):
+        ControlLoop(P, "forces")
+
+
+@pytest.mark.parametrize("name", ["hexapod", "planar3", "pointmass2"])
+def test_accelerations_one_after_another(name: str) -> None:
+    scene = load_scene(name)
+    P, m = scene.parameters, from_scene(scene, 5).motion
+    F = analytic.driving_forces(P, m)
+    loop = ControlLoop(P, "forward_dynamics")
+    wanted = np.hstack([m.ddC_p, m.dw_p])[:, evaluate.FORWARD_DYNAMICS.rows(P)]
+    for k in range(5):
+        loop.given[:] = np.concatenate([a[k].ravel() for a in (m.C_p, m.R, m.dC_p, m.w_p, F)])
+        loop()
+        np.testing.assert_allclose(loop.found, wanted[k], rtol=0, atol=2e-13 * np.abs(wanted).max())
+
+
+def test_a_steep_leg_is_doubted_in_the_loop_too(hexapod: Scene, trajectory: Trajectory) -> None:
+    """Leg 3 nearly upright, at rest: the loop's answer is that of the form with compliances; upright it is refused."""
+    P, m = parameters(hexapod), trajectory.motion
+    loop, F = ControlLoop(P, "forward_dynamics"), np.full((1, 6), 50.0)
+    for lean in (1e-3, 0.0):
+        C_p = np.array(P.O[2]) - m.R[1] @ P.p[2] + (lean, 1.0, 0.0)
+        still = PlatformMotion(C_p[None], m.R[1:2], *np.zeros((4, 1, 3)))
+        loop.given[:] = np.concatenate([C_p, m.R[1].ravel(), np.zeros(6), F[0]])
+        if lean:
+            loop()
+            a = analytic.forward_dynamics(P, still, F, "compliance")
+            np.testing.assert_array_equal(loop.found, np.hstack([a.ddC_p, a.dw_p])[0])
+        else:
+            with pytest.raises(SingularPose, match="leg 3: sin q_n"):
+                loop()
 
 
 def test_threads_do_not_disturb_each_other(hexapod: Scene, trajectory: Trajectory) -> None:

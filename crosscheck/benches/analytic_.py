@@ -62,7 +62,8 @@ class AnalyticSweep:
                         yield exact(backend=backend, setting=setting, batch=batch)
                     if backend == "compiled" and batch >= MANY and task != "forward_step":
                         yield exact(backend=backend, setting=setting + IN_PLACE, batch=batch)
-        yield case("driving_forces", backend="compiled", setting=LOOP, exact=True)
+        for task in SETTINGS:
+            yield case(task, backend="compiled", setting=LOOP, exact=True)
         for kind in KINDS if scene.topology == "spatial" else ():  # no test for singular poses stands before them
             yield case(
                 "driving_forces", backend=kind, setting=SETTINGS["driving_forces"], batch=plan.samples, exact=True
@@ -86,6 +87,8 @@ class AnalyticSweep:
         """By the task."""
         if case.task == LEGS:
             return _legs(case, inputs)
+        if case.setting == LOOP:
+            return _loop(case, inputs)
         if case.task == "simulate":
             return _simulate(case, inputs)
         if case.task == "forward_step":
@@ -129,18 +132,38 @@ def _driving_forces(case: Case, P: Any, given: list[Any]) -> tuple[Any, Any]:
 
             flint.ctx.prec = BITS
         return given, lambda part: precise_driving_forces(P, part[0], case.backend)
-    if case.setting == LOOP:
-        loop = analytic.ControlLoop(P)
-
-        def one(row: np.ndarray) -> np.ndarray:
-            loop.motion[:] = row
-            loop()
-            return loop.F.copy()
-
-        return [np.concatenate([x.ravel() for x in m]) for m, _ in given], lambda row: one(row)[None]
     if case.setting.endswith(IN_PLACE):
         given = [(m, np.empty((len(P.p), len(m.C_p))).T) for m, _ in given]
     return given, lambda part: analytic.driving_forces(P, part[0], case.backend, part[1])
+
+
+def _loop(case: Case, inputs: Inputs) -> Ready:
+    """One state after another in arrays that stay: writing the state and reading the answer are a part of the time."""
+    scene, motion, F = inputs.scene, inputs.trajectory.motion, inputs.F
+    problem = PROBLEMS[case.task]
+    loop = analytic.ControlLoop(scene.parameters, problem.name)
+    columns = [x.reshape(len(F), -1) for x in (motion if case.task != "forward_step" else (*motion[:4], F))]
+    states = list(np.hstack(columns))
+    given, found, rows = loop.given, loop.found, problem.rows(scene.parameters)
+
+    def one(state: np.ndarray) -> np.ndarray:
+        given[:] = state
+        loop()
+        return found.copy()
+
+    def read(out: list[np.ndarray], pick: np.ndarray) -> Any:
+        numbers = np.array(out)[pick]
+        if case.task == "driving_forces":
+            return numbers
+        if case.task == "forward_step":
+            platform = np.zeros((len(numbers), 6))
+            platform[:, rows] = numbers
+            return platform
+        D = analytic.InverseDynamics.zeros(len(numbers), scene.N)
+        D.numbers[rows] = numbers.T
+        return D.F, by_joint(scene, vars(D))
+
+    return Ready(states, one, read, len(states))
 
 
 def _forward(case: Case, inputs: Inputs) -> Ready:
