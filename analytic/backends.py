@@ -46,7 +46,7 @@ class Floats:
         except (ZeroDivisionError, OverflowError):
             return False
         numbers[self.rows, 0] = out
-        return regularity >= REGULAR and all(map(math.isfinite, x))
+        return regularity >= REGULAR and all(map(math.isfinite, (*x, *out)))
 
 
 BACKENDS: dict[str, Callable[[Mechanism, Problem], BackEnd]] = {"numpy": NumPy, "float": Floats, "compiled": Compiled}
@@ -54,9 +54,7 @@ BACKENDS: dict[str, Callable[[Mechanism, Problem], BackEnd]] = {"numpy": NumPy, 
 
 @functools.lru_cache(maxsize=64)
 def back_end(name: str, P: Mechanism, problem: Problem) -> BackEnd:
-    """A back end by its name, for a machine. Raises ValueError."""
-    if name not in BACKENDS:
-        raise ValueError(f"backend: got {name!r}, expected one of {', '.join(BACKENDS)}")
+    """A back end by its name, for a machine of floats."""
     return BACKENDS[name](P, problem)
 
 
@@ -69,12 +67,10 @@ def answer(
 ) -> Iterable[slice]:
     """Fill the rows of ``out`` (rows, nt) block by block; hands out the blocks that are in doubt.
 
-    Without a name of a back end: plain floats for a single sample, NumPy for more.
+    ``P``: as `in_floats` gives it.  Without a name of a back end: plain floats for a single sample, NumPy for more.
     """
-    try:
-        hash(P)
-    except TypeError:
-        raise ValueError("P: got lists or arrays in it, expected numbers and tuples of numbers") from None
+    if backend is not None and backend not in [*BACKENDS]:
+        raise ValueError(f"backend: got {backend!r}, expected one of {', '.join(BACKENDS)}")
     nt = out.shape[1]
     made = back_end(backend or ("float" if nt == 1 else "numpy"), P, problem)
     for start in range(0, nt, made.size):

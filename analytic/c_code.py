@@ -72,7 +72,7 @@ static void give(const double *from, double *to, long n, int stream)
   memcpy(to, from, n * sizeof(double));
 }}
 
-/* Results of n samples, row by row, so many numbers from row to row; whether all are as regular as asked. */
+/* Results of n samples, row by row, so many numbers from row to row; whether all are finite and as regular as asked. */
 int block(long n, const double *const *given, double *out, long line, const double *p, double regular)
 {{
   _Alignas(64) double x[INPUTS * TILE], y[RESULTS * TILE], regularity[TILE], nothing[TILE], padded[WIDEST * TILE];
@@ -83,8 +83,11 @@ int block(long n, const double *const *given, double *out, long line, const doub
     memset(nothing, 0, sizeof nothing);
 {taken}
     tile(x, y, regularity, p);
-    for (int r = 0; r < RESULTS; r++)
+    for (int r = 0; r < RESULTS; r++) {{
+      for (int i = 0; i < TILE; i++)
+        nothing[i] += 0.0 * y[r * TILE + i];
       give(y + r * TILE, out + row[r] * line + k, m, large && m == TILE);
+    }}
     for (int i = 0; i < TILE; i++)
       sure &= regularity[i] + nothing[i] >= regular;
   }}
@@ -94,14 +97,17 @@ int block(long n, const double *const *given, double *out, long line, const doub
   return sure;
 }}
 
-/* One sample: inputs one after another, results in their order; returns the regularity, or not a number if an input
-   is none. */
+/* One sample: inputs one after another, results in their order; returns the regularity, or not a number if one
+   of them is none. */
 double one(const double *restrict x, double *restrict y, const double *restrict p)
 {{
   double nothing = 0.0;
   for (int k = 0; k < INPUTS; k++)
     nothing += 0.0 * x[k];
 {one_body}
+  for (int k = 0; k < RESULTS; k++)
+    nothing += 0.0 * y[k];
+  return regularity + nothing;
 }}
 """
 
@@ -132,7 +138,7 @@ def c_code(program: Program, rows: Sequence[int], widths: Sequence[int]) -> str:
         return f"regularity[i] = {value};" if n == last else f"y[{n} * TILE + i] = {value};"
 
     def of_one(n: int, value: str) -> str:
-        return f"return {value} + nothing;" if n == last else f"y[{n}] = {value};"
+        return f"const double regularity = {value};" if n == last else f"y[{n}] = {value};"
 
     return _FRAME.format(
         tile=TILE,

@@ -37,7 +37,7 @@ class Compiled:
     def fill(self, inputs: Sequence[np.ndarray], numbers: np.ndarray) -> bool:
         """All samples at once."""
         n = numbers.shape[1]
-        if numbers.strides[1] != numbers.itemsize:
+        if numbers.strides[1] != numbers.itemsize or numbers.strides[0] % numbers.itemsize or not numbers.flags.aligned:
             out = np.empty((len(numbers), n))
             sure = self.fill(inputs, out)
             numbers[self.rows] = out[self.rows]

@@ -5,6 +5,7 @@ The compiler is the one that ``CC`` names, else the package `ziglang` (the extra
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import functools
 import hashlib
@@ -20,7 +21,15 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-FLAGS = ("-std=c11", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
+FLAGS = (
+    "-std=c11",
+    "-O3",
+    "-march=native",
+    "-fno-fast-math",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-ffp-contract=fast",
+)
 """No option changes the value of an operation but for fused ones, which round once less."""
 
 
@@ -30,8 +39,12 @@ class NoCompiler(RuntimeError):
 
 def compiler() -> list[str]:
     """Command of the C compiler. Raises NoCompiler."""
-    if os.environ.get("CC"):
-        return shlex.split(os.environ["CC"])
+    asked = os.environ.get("CC", "").strip()
+    if asked:
+        try:
+            return shlex.split(asked)
+        except ValueError as e:
+            raise NoCompiler(f"CC: got {asked!r}, expected a command: {e}") from None
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     if shutil.which("cc"):
@@ -51,49 +64,57 @@ def _processor() -> str:
     return "\n".join([platform.machine(), *(line for line in lines if line.startswith(("flags", "model name")))][:3])
 
 
-def _folder() -> Path:
-    """Where compiled code is kept; one that ends with this process if that can not be written to."""
-    folder = user_cache_path("stewart-crosscheck")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
-        return Path(_passing_folder().name)
+def _kept_folder() -> Path:
+    return user_cache_path("stewart-crosscheck")
 
 
 @functools.cache
-def _passing_folder() -> tempfile.TemporaryDirectory:
-    return tempfile.TemporaryDirectory(prefix="stewart-crosscheck-")
+def _passing_folder(process: int) -> Path:
+    """A folder that ends with this process, and not with one that it forked."""
+    folder = Path(tempfile.mkdtemp(prefix="stewart-crosscheck-"))
+    atexit.register(lambda: os.getpid() == process and shutil.rmtree(folder, ignore_errors=True))
+    return folder
 
 
 def library(source: str) -> ctypes.CDLL:
-    """Compiled C source, from earlier times if there is one. Raises NoCompiler."""
+    """Compiled C source, from earlier times if there is one; kept for later if that is possible. Raises NoCompiler."""
     command = [*compiler(), *FLAGS, "-shared", "-fPIC"]
     key = hashlib.sha256("\0".join([source, *command, _processor()]).encode()).hexdigest()[:32]
-    folder = _folder()
-    kept = folder / f"{key}.so"
-    try:
-        return ctypes.CDLL(str(kept))
-    except OSError:  # not there, or damaged
-        _compile(command, source, kept)
-    try:
-        return ctypes.CDLL(str(kept))
-    except OSError as e:
-        raise NoCompiler(f"what the C compiler {shlex.join(command)} made can not be loaded: {e}") from None
+    for folder in (_kept_folder, lambda: _passing_folder(os.getpid())):
+        try:
+            return _library(command, source, folder() / f"{key}.so")
+        except OSError as e:  # it can not be written to, is full, or nothing in it can be run
+            last = e
+    raise NoCompiler(f"what the C compiler {shlex.join(command)} made can not be kept or loaded: {last}") from None
 
 
-def _compile(command: list[str], source: str, kept: Path) -> None:
+def _library(command: list[str], source: str, kept: Path) -> ctypes.CDLL:
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    whole = kept.with_suffix(".sha256")  # what is damaged would end the process that loads it
+    try:
+        sound = hashlib.sha256(kept.read_bytes()).hexdigest() == whole.read_text()
+    except OSError:
+        sound = False
+    if not sound:
+        _compile(command, source, kept, whole)
+    return ctypes.CDLL(str(kept))
+
+
+def _compile(command: list[str], source: str, kept: Path, whole: Path) -> None:
     own = {name: str(kept.parent / "zig") for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR")}
     with tempfile.TemporaryDirectory(dir=kept.parent) as name:  # renamed when whole: two at once do no harm
-        text, made = Path(name, "formulas.c"), Path(name, "formulas.so")
+        text, made, digest = (Path(name, f"formulas{suffix}") for suffix in (".c", ".so", ".sha256"))
         text.write_text(source)
         command = [*command, "-o", str(made), str(text), "-lm"]
         try:
             done = subprocess.run(command, env={**own, **os.environ}, capture_output=True, text=True, check=False)
         except OSError as e:
             raise NoCompiler(f"the C compiler {command[0]} can not be run: {e.strerror or e}") from None
-        if done.returncode or not made.exists():
+        if done.returncode:
             said = (done.stderr or done.stdout).strip().splitlines()
             raise NoCompiler(f"the C compiler {shlex.join(command)} failed: {said[-1] if said else done.returncode}")
+        if not made.exists():
+            raise NoCompiler(f"the C compiler {shlex.join(command)} made no library")
+        digest.write_text(hashlib.sha256(made.read_bytes()).hexdigest())
         made.replace(kept)
+        digest.replace(whole)

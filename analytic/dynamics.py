@@ -13,7 +13,7 @@ import numpy as np
 
 from . import planar, stewart
 from .backends import answer
-from .evaluate import DRIVING_FORCES, INVERSE_DYNAMICS, Mechanism, Problem, numbers
+from .evaluate import DRIVING_FORCES, INVERSE_DYNAMICS, Mechanism, Problem, answers, in_floats
 from .samples import InverseDynamics, LegCoordinates, blocks, checked, part
 from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_determined, solve_samples
 from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
@@ -54,6 +54,22 @@ def inverse_kinematics(P: Mechanism, motion: PlatformMotion) -> LegCoordinates:
     return LegCoordinates(*q)
 
 
+def _overflow(sample: int) -> ValueError:
+    return ValueError(f"sample {sample}: forces or reactions are beyond what float64 holds, and so is the motion")
+
+
+def _require_out(out: np.ndarray, motion: PlatformMotion, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless an array can be filled while a motion is read."""
+    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != float:
+        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise ValueError(f"out: got {got}, expected float64 of shape {shape}")
+    if not out.flags.writeable:
+        raise ValueError("out: got an array that can only be read, expected one to write into")
+    for name, a in motion._asdict().items():
+        if np.may_share_memory(out, a):
+            raise ValueError(f"out: shares its memory with motion.{name}, expected an array of its own")
+
+
 def _careful(
     P: Mechanism, problem: Problem, motion: PlatformMotion, out: np.ndarray, undetermined: np.ndarray, first: int
 ) -> None:
@@ -72,8 +88,10 @@ def _careful(
             if isinstance(P, Parameters) and P.leg.spins:
                 legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
                 _refuse_vertical(legs, start, "a vertical leg with base or spin inertia")
-            found, _ = numbers(P, m, np.sqrt, solve, every=problem is INVERSE_DYNAMICS)
+            found, _ = answers(P, m, np.sqrt, solve, every=problem is INVERSE_DYNAMICS)
         for row, x in zip(problem.rows(P), found, strict=True):
+            if not np.isfinite(x).all():
+                raise _overflow(start + int(np.argmin(np.isfinite(np.broadcast_to(x, m.C_p[0].shape)))))
             out[row, block] = x
 
 
@@ -102,7 +120,8 @@ def inverse_dynamics(
     ----------
     P : Parameters or PlanarParameters
     motion : PlatformMotion
-        Arrays, world axes: C_p, dC_p, w_p, ddC_p, dw_p (nt, 3) and R (nt, 3, 3), SI units.
+        Arrays, world axes: C_p, dC_p, w_p, ddC_p, dw_p (nt, 3) and R (nt, 3, 3), SI units.  That R is a rotation is
+        taken for granted.
     backend : ``numpy``, ``float`` or ``compiled``
         None: plain floats for a single sample, NumPy for more.
     out : made by `InverseDynamics.zeros`
@@ -121,12 +140,16 @@ def inverse_dynamics(
     ValueError
         Wrong shape, a value that is not finite, an unknown back end.
     """
-    motion = checked(motion)
+    P, motion = in_floats(P), checked(motion)
     nt, N = len(motion.C_p), len(P.p)
     if out is None:
         out = InverseDynamics.zeros(nt, N)
-    elif out.F.shape != (nt, N):
-        raise ValueError(f"out: got arrays of shape {out.F.shape}, expected {(nt, N)}")
+    elif not isinstance(out, InverseDynamics):
+        raise ValueError(f"out: got {type(out).__name__}, expected what InverseDynamics.zeros makes")
+    else:
+        _require_out(out.numbers, motion, (InverseDynamics.rows(N), nt))
+        if not np.may_share_memory(out.F, out.numbers):
+            raise ValueError("out: got a copy, whose arrays are no views of its numbers, expected what zeros makes")
     _evaluate(P, INVERSE_DYNAMICS, motion, backend, out.numbers, out.undetermined)
     return out
 
@@ -138,12 +161,12 @@ def driving_forces(
 
     ``out`` (nt, N), of any memory order, is filled and returned; without one, samples are last in memory.
     """
-    motion = checked(motion)
+    P, motion = in_floats(P), checked(motion)
     nt, N = len(motion.C_p), len(P.p)
     if out is None:
         out = np.empty((N, nt)).T
-    elif out.shape != (nt, N) or out.dtype != float:
-        raise ValueError(f"out: got {out.dtype} of shape {out.shape}, expected float64 of shape {(nt, N)}")
+    else:
+        _require_out(out, motion, (nt, N))
     _evaluate(P, DRIVING_FORCES, motion, backend, out.T, np.empty(nt, dtype=bool))
     return out
 

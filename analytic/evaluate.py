@@ -7,12 +7,15 @@ answers with its results and a regularity.  Where that is below `REGULAR`, resul
 from __future__ import annotations
 
 import math
+import numbers
+import operator
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from . import stewart
 from .solve import LIMIT, Ordered, eliminate, eliminate_symmetric, longest_lever
-from .stewart import ZERO, Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
+from .stewart import ZERO, Leg, Load, Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
 
 Mechanism = Parameters | PlanarParameters
 
@@ -20,6 +23,39 @@ VECTORS = ("F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o")
 
 REGULAR = 1.0
 """Least regularity of numbers that need no closer look."""
+
+
+def in_floats(P: Mechanism) -> Mechanism:
+    """The machine in plain floats: numbers of another kind are equal to them and not as exact.
+
+    Raises ValueError for what is no finite number, for lists and arrays, and for a machine without legs.
+    """
+    if not P.p:
+        raise ValueError("P: got no legs, expected one or more platform pins p and hull pins O")
+    try:
+        return _in_floats(P, "P")
+    except TypeError:
+        raise ValueError("P: got lists or arrays in it, expected numbers and tuples of numbers") from None
+
+
+def _in_floats(x: Any, name: str) -> Any:
+    kind = type(x)
+    if kind is float and math.isfinite(x):
+        return x
+    if kind is tuple:
+        values = tuple([_in_floats(v, name) for v in x])
+        return x if all(map(operator.is_, values, x)) else values
+    if isinstance(x, (Parameters, PlanarParameters, Leg, Load)):
+        changed = {}
+        for key, value in vars(x).items():
+            if (new := value if value is None else _in_floats(value, f"{name}.{key}")) is not value:
+                changed[key] = new
+        return replace(x, **changed) if changed else x
+    if isinstance(x, numbers.Real) and math.isfinite(x):
+        return float(x)
+    if isinstance(x, (numbers.Number, str)):
+        raise ValueError(f"{name}: got {x!r}, expected a finite number")
+    raise TypeError
 
 
 class Problem(NamedTuple):
@@ -64,7 +100,7 @@ def _rows_of_all(P: Mechanism) -> list[int]:
     return [*rows, *range(N * (1 + 3 * len(VECTORS)), N * (3 + 3 * len(VECTORS)))]
 
 
-def numbers(
+def answers(
     P: Mechanism, motion: PlatformMotion, sqrt: Sqrt, solve: Solve, every: bool
 ) -> tuple[list[Scalar], Sequence[Any]]:
     """Driving forces, or all that `InverseDynamics` holds, in the order of its rows; and the legs' states.
@@ -121,7 +157,7 @@ def _first_problem(every: bool) -> Callable[..., tuple[list[Scalar], Scalar]]:
             determinants.append(determinant)
             return X
 
-        out, legs = numbers(P, motion_of(x), sqrt, solve, every)
+        out, legs = answers(P, motion_of(x), sqrt, solve, every)
         regularity = abs(determinants[0]) * (REGULAR / WELL_POSED)
         if isinstance(P, Parameters) and P.leg.spins:
             for k in legs:

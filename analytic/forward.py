@@ -11,7 +11,7 @@ import numpy as np
 
 from . import stewart
 from .backends import answer
-from .evaluate import FORWARD_DYNAMICS, Mechanism
+from .evaluate import FORWARD_DYNAMICS, Mechanism, in_floats
 from .samples import blocks, checked, part
 from .solve import LIMIT, SingularPose, row_scaled
 from .stewart import Equations, LegState, Parameters, PlanarParameters, PlatformMotion, Scalar, SecondProblem
@@ -158,7 +158,7 @@ def forward_dynamics(
         Wrong shape, a value that is not finite, or an unknown form or back end.
     """
     zero = np.zeros(np.shape(motion.C_p))
-    motion = checked(motion._replace(ddC_p=zero, dw_p=zero))
+    P, motion = in_floats(P), checked(motion._replace(ddC_p=zero, dw_p=zero))
     F = np.asarray(F, dtype=float)
     expected = (len(zero), len(P.p))
     if F.shape != expected:

@@ -8,7 +8,7 @@ import numpy as np
 
 from .compiled import Compiled
 from .dynamics import driving_forces, inverse_dynamics
-from .evaluate import DRIVING_FORCES, FORWARD_DYNAMICS, INVERSE_DYNAMICS, REGULAR, Mechanism
+from .evaluate import DRIVING_FORCES, FORWARD_DYNAMICS, INVERSE_DYNAMICS, REGULAR, Mechanism, in_floats
 from .forward import forward_dynamics
 from .stewart import PlatformMotion
 
@@ -42,11 +42,21 @@ class ControlLoop:
     def __init__(self, P: Mechanism, problem: str = "driving_forces") -> None:
         if problem not in PROBLEMS:
             raise ValueError(f"problem: got {problem!r}, expected one of {', '.join(PROBLEMS)}")
-        self._P, self._problem = P, PROBLEMS[problem]
-        self._code = Compiled(P, self._problem)
-        self.given, self.found = np.zeros(sum(self._problem.widths(P))), np.zeros(len(self._code.rows))
+        self._P, self._problem = in_floats(P), PROBLEMS[problem]
+        self._code = Compiled(self._P, self._problem)
+        self._given, self._found = np.zeros(sum(self._problem.widths(P))), np.zeros(len(self._code.rows))
         self._one = self._code.one
-        self._pointers = [ctypes.c_void_p(a.ctypes.data) for a in (self.given, self.found, self._code.parameters)]
+        self._pointers = [ctypes.c_void_p(a.ctypes.data) for a in (self._given, self._found, self._code.parameters)]
+
+    @property
+    def given(self) -> np.ndarray:
+        """The state: write into it, another array can not take its place."""
+        return self._given
+
+    @property
+    def found(self) -> np.ndarray:
+        """The answer, until the next call."""
+        return self._found
 
     def __call__(self) -> None:
         """Fill ``found`` from ``given``."""

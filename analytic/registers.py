@@ -106,10 +106,11 @@ class NumPy:
         columns = np.hstack([a.reshape(n, -1) for a in inputs]).T
         for k, register in bound.inputs.items():
             register[:] = columns[k]
+        *results, regularity = bound.results
         with np.errstate(all="ignore"):  # a vertical leg overflows; the regularity says so
             for call, arrays in bound.calls:
                 call(*arrays)
-        *results, regularity = bound.results
-        for row, x in zip(self.rows, results, strict=True):
-            numbers[row] = x
-        return bool(np.min(regularity) >= REGULAR) and bool(np.isfinite(columns).all())
+            for row, x in zip(self.rows, results, strict=True):
+                numbers[row] = x
+            whole = sum(float(numbers[row].sum()) for row in self.rows) + columns.sum()  # a number, or one was none
+        return bool(np.min(regularity) >= REGULAR) and bool(np.isfinite(whole))

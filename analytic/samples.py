@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -54,11 +55,16 @@ class InverseDynamics:
     undetermined: np.ndarray
     numbers: np.ndarray
 
+    @staticmethod
+    def rows(N: int) -> int:
+        """Rows of ``numbers``."""
+        return N * (3 * len(VECTORS) + 3)
+
     @classmethod
     def zeros(cls, nt: int, N: int) -> InverseDynamics:
         """Arrays for nt samples of N legs, to be filled, as often as wanted."""
         columns = -(-nt // LINE) * LINE
-        numbers = np.zeros((N * (3 * len(VECTORS) + 3), columns))[:, :nt]
+        numbers = np.zeros((cls.rows(N), columns))[:, :nt]
         F, vectors, L, dL = np.split(numbers, [N, N * (3 * len(VECTORS) + 1), N * (3 * len(VECTORS) + 2)])
         F_r, F_s, F_n, F_o, M_s, M_n, M_o = vectors.reshape(len(VECTORS), N, 3, nt).transpose(0, 3, 1, 2)
         sure = np.zeros(nt, dtype=bool)
@@ -76,9 +82,16 @@ def components(motion: PlatformMotion) -> PlatformMotion:
     return PlatformMotion(C_p, R, dC_p, w_p, ddC_p, dw_p)
 
 
+def _real(name: str, a: Any) -> np.ndarray:
+    a = np.asarray(a)
+    if a.dtype.kind not in "fiub":
+        raise ValueError(f"motion.{name}: got {a.dtype}, expected real numbers")
+    return a.astype(float, copy=False)
+
+
 def checked(motion: PlatformMotion) -> PlatformMotion:
     """The motion as arrays of floats. Raises ValueError if a shape is wrong."""
-    arrays = PlatformMotion(*(np.asarray(a, dtype=float) for a in motion))
+    arrays = PlatformMotion(*(_real(name, a) for name, a in motion._asdict().items()))
     nt = len(arrays.C_p) if arrays.C_p.ndim else 0
     if nt == 0:
         raise ValueError(f"motion.C_p: got shape {arrays.C_p.shape}, expected (nt, 3) with at least one sample")

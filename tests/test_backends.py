@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import threading
 import tracemalloc
@@ -143,11 +144,22 @@ def test_wrong_arrays_are_refused(hexapod: Scene, trajectory: Trajectory) -> Non
         analytic.driving_forces(P, motion, out=np.zeros((3, 6)))
     with pytest.raises(ValueError, match="out: got int64"):
         analytic.driving_forces(P, motion, out=np.zeros((21, 6), dtype=int))
-    with pytest.raises(ValueError, match=r"out: got arrays of shape \(5, 6\), expected \(21, 6\)"):
+    with pytest.raises(
+        ValueError, match=r"out: got float64 of shape \(144, 5\), expected .* \(144, 21\)"
+    ):
         analytic.inverse_dynamics(P, motion, out=InverseDynamics.zeros(5, 6))
+    with pytest.raises(ValueError, match=r"out: got ndarray, expected what InverseDynamics.zeros makes"):
+        analytic.inverse_dynamics(P, motion, out=np.zeros((144, 21)))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="out: got a copy, whose arrays are no views"):
+        analytic.inverse_dynamics(P, motion, out=copy.deepcopy(InverseDynamics.zeros(21, 6)))
+    with pytest.raises(ValueError, match="out: got list, expected float64"):
+        analytic.driving_forces(P, motion, out=[])  # type: ignore[arg-type]
     lists = replace(parameters(hexapod), p=[list(p) for p in parameters(hexapod).p])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="P: got lists or arrays in it, expected numbers and tuples of numbers"):
         analytic.driving_forces(lists, motion)
+    for odd in ("", ["numpy"]):
+        with pytest.raises(ValueError, match=r"backend: got .*, expected one of numpy, float, compiled"):
+            analytic.driving_forces(P, motion, odd)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="backend: got 'fast', expected one of numpy, float, compiled"):
         analytic.driving_forces(P, motion, "fast")
 
@@ -161,6 +173,77 @@ def test_what_is_not_finite_is_named(backend: str, field: str, hexapod: Scene, t
     for call in (analytic.driving_forces, analytic.inverse_dynamics):
         with pytest.raises(ValueError, match=f"motion.{field}: sample {bad} is not finite"):
             call(hexapod.parameters, motion, backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_what_overflows_is_named(backend: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    motion = repeated(trajectory.motion, 3)
+    motion.w_p[1] = 1e200
+    for call in (analytic.driving_forces, analytic.inverse_dynamics):
+        with pytest.raises(ValueError, match="sample 1: forces or reactions are beyond what float64 holds"):
+            call(hexapod.parameters, motion, backend)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_memory_that_can_not_be_filled_is_refused(backend: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    P, motion = hexapod.parameters, trajectory.motion
+    fixed, whole = np.zeros((6, 21)).T, InverseDynamics.zeros(21, 6)
+    fixed.setflags(write=False)
+    whole.numbers.setflags(write=False)
+    with pytest.raises(ValueError, match="out: got an array that can only be read"):
+        analytic.driving_forces(P, motion, backend, fixed)
+    with pytest.raises(ValueError, match="out: got an array that can only be read"):
+        analytic.inverse_dynamics(P, motion, backend, whole)
+    assert not fixed.any()
+    both = np.zeros((21, 9))
+    both[:, :3] = motion.ddC_p
+    with pytest.raises(ValueError, match=r"out: shares its memory with motion.ddC_p"):
+        analytic.driving_forces(P, motion._replace(ddC_p=both[:, :3]), backend, both[:, 3:])
+    odd = np.ndarray((21, 6), float, bytearray(6 * 172 + 200), strides=(8, 172))  # rows of 21.5 numbers
+    np.testing.assert_array_equal(
+        analytic.driving_forces(P, motion, backend, odd), analytic.driving_forces(P, motion, backend)
+    )
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_machines_of_other_numbers_are_machines_of_floats(backend: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    """Numbers that are equal and less exact must not stand in for floats, here or for a later machine of floats."""
+    P, motion = parameters(hexapod), trajectory.motion
+    small = replace(P, m_p=np.float32(27.25), leg=replace(P.leg, m_s=np.float32(2.75), m_n=3))
+    plain = replace(P, m_p=27.25, leg=replace(P.leg, m_s=2.75, m_n=3.0))
+    assert small == plain
+    first = analytic.driving_forces(small, motion, backend)
+    np.testing.assert_array_equal(first, analytic.driving_forces(plain, motion, backend))
+    backends.back_end.cache_clear()
+    np.testing.assert_array_equal(first, analytic.driving_forces(plain, motion, backend))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"m_p": np.nan}, "P.m_p: got nan, expected a finite number"),
+        ({"m_p": "3"}, "P.m_p: got '3', expected a finite number"),
+        ({"g": (0.0, 1j, 0.0)}, "P.g: got 1j, expected a finite number"),
+        ({"p": (), "O": ()}, "P: got no legs"),
+    ],
+)
+def test_unusable_machines_are_named(
+    change: dict[str, Any], message: str, hexapod: Scene, trajectory: Trajectory
+) -> None:
+    P, motion = replace(parameters(hexapod), **change), trajectory.motion
+    with pytest.raises(ValueError, match=message):
+        analytic.forward_dynamics(P, motion, np.zeros((21, len(P.p))))
+    for call in (analytic.driving_forces, analytic.inverse_dynamics):
+        with pytest.raises(ValueError, match=message):
+            call(P, motion)
+    with pytest.raises(ValueError, match=message):
+        ControlLoop(P)
+
+
+def test_unusable_motions_are_named(hexapod: Scene, trajectory: Trajectory) -> None:
+    for wrong, kind in ((trajectory.motion.dC_p + 1j, "complex128"), (np.full((21, 3), "1"), "<U1")):
+        with pytest.raises(ValueError, match=f"motion.dC_p: got {kind}, expected real numbers"):
+            analytic.driving_forces(hexapod.parameters, trajectory.motion._replace(dC_p=wrong))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -264,6 +347,8 @@ def test_one_after_another_without_overhead(hexapod: Scene, trajectory: Trajecto
     loop.given[20] = np.nan
     with pytest.raises(ValueError, match=r"motion.ddC_p: sample 0 is not finite"):
         loop()
+    with pytest.raises(AttributeError):
+        loop.given = np.zeros(24)  # type: ignore[misc]
     with pytest.raises(ValueError, match="problem: got 'forces', expected one of driving_forces, inverse_dynamics"):
         ControlLoop(P, "forces")
 

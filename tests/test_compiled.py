@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +28,7 @@ SOURCE = "double twice(double x) { return 2.0 * x; }\n"
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty place for compiled code; what the compiler keeps for itself stays."""
-    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(compiler._folder() / "zig"))
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(compiler._kept_folder() / "zig"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return tmp_path / "stewart-crosscheck"
 
@@ -56,15 +58,19 @@ def test_code_is_compiled_once_for_a_compiler(folder: Path, monkeypatch: pytest.
     assert not [p for p in folder.iterdir() if p.name.startswith("tmp")]  # nothing is left behind
 
 
-def test_damaged_code_is_compiled_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("length", [0, 100, 4096])
+def test_damaged_code_is_compiled_again(length: int, folder: Path) -> None:
+    """Loading it would end the process: it is not even tried, for it is not what was kept."""
     compiler.library(SOURCE)
     (one,) = kept(folder)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))  # what is loaded can not be damaged any more
-    damaged = tmp_path / "other" / folder.name / one.name
-    damaged.parent.mkdir(parents=True)
-    damaged.write_bytes(one.read_bytes()[:100])
+    size = one.stat().st_size
+    one.replace(one.with_suffix(".old"))  # what is loaded stays as it is
+    one.write_bytes(one.with_suffix(".old").read_bytes()[:length])
     assert compiler.library(SOURCE).twice
-    assert damaged.stat().st_size > 1000
+    assert abs(one.stat().st_size - size) < 100
+    one.with_suffix(".sha256").unlink()
+    assert compiler.library(SOURCE).twice
+    assert one.with_suffix(".sha256").exists()
 
 
 def test_two_at_once_do_no_harm(folder: Path) -> None:
@@ -99,8 +105,8 @@ def test_without_a_compiler_the_message_says_what_helps(folder: Path, monkeypatc
     ("text", "message"),
     [
         ("echo what a pity >&2; exit 3", "failed: what a pity"),
-        ("exit 0", "failed: 0"),
-        ('while [ "$1" != -o ]; do shift; done; echo no library > "$2"', "can not be loaded"),
+        ("exit 0", "made no library"),
+        ('while [ "$1" != -o ]; do shift; done; echo no library > "$2"', "can not be kept or loaded"),
     ],
 )
 def test_a_compiler_that_fails_is_named(
@@ -109,6 +115,50 @@ def test_a_compiler_that_fails_is_named(
     monkeypatch.setenv("CC", script(tmp_path / "cc", text))
     with pytest.raises(NoCompiler, match=message):
         compiler.library(SOURCE)
+
+
+def test_a_full_disk_and_a_folder_that_runs_nothing_are_done_without(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[Path] = []
+    real = compiler._library
+
+    def refusing(command: list[str], source: str, path: Path) -> Any:
+        tried.append(path.parent)
+        if path.parent == folder:
+            raise OSError(28, "No space left on device")
+        return real(command, source, path)
+
+    monkeypatch.setattr(compiler, "_library", refusing)
+    assert compiler.library(SOURCE).twice
+    assert tried == [folder, compiler._passing_folder(os.getpid())]
+
+
+def test_a_process_that_was_forked_leaves_the_passing_folder(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import os, sys\n"
+            "from stewart_crosscheck.analytic.compiler import _passing_folder\n"
+            "folder = _passing_folder(os.getpid())\n"
+            "if os.fork() == 0:\n    sys.exit(0)\n"
+            "os.wait()\n"
+            "print(folder.exists(), folder)\n",
+        ],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    there, path = done.stdout.split()
+    assert there == "True"
+    assert not Path(path).exists()  # but it goes with the process that made it
+
+
+def test_a_command_that_is_none_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "gcc '")
+    with pytest.raises(NoCompiler, match=r"CC: got \"gcc '\", expected a command: No closing quotation"):
+        compiler.library(SOURCE)
+    monkeypatch.setenv("CC", " ")
+    assert compiler.compiler()[0] in (sys.executable, "cc")
 
 
 def test_a_compiler_that_is_not_there_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
