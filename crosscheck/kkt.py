@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..models.scene import Scene
+from ..models.scene import Joint, Scene
 from . import wrench
 from .engine import LOOPS, DynamicsResult, EngineError, ModelFacts, engine_version, require_finite
 from .loop_forces import Layout, forces
@@ -173,22 +173,39 @@ class KktEngine(ABC):
         """Whose velocity is which."""
         return Layout.of(self.scene, {name: self.velocity_index(name) for name in self.scene.coordinates})
 
+    @cached_property
+    def tree_joints(self) -> list[Joint]:
+        """Joints that are not cut."""
+        return [j for j in self.scene.joints if not j.cut]
+
+    @cached_property
+    def tree_legs(self) -> list[int]:
+        """Leg of each of them, from 0."""
+        return [j.leg - 1 for j in self.tree_joints]
+
+    @cached_property
+    def _cut(self) -> np.ndarray:
+        """Which joints are cut."""
+        return np.array([j.cut for j in self.scene.joints])
+
+    @cached_property
+    def _weight(self) -> float:
+        """Of all bodies [N]."""
+        return sum(body.mass for body in self.scene.bodies) * float(np.linalg.norm(self.scene.gravity))
+
     def _held(self, assembly: Assembly, undetermined: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """F (nt, na) and loop forces (nt, N, 3)."""
         scene, nt = self.scene, len(assembly.tau)
-        weight = sum(body.mass for body in scene.bodies) * float(np.linalg.norm(scene.gravity))
-        F, multipliers = forces(self.name, assembly.tau, assembly.J, self.layout, undetermined, weight)
+        F, multipliers = forces(self.name, assembly.tau, assembly.J, self.layout, undetermined, self._weight)
         loop_forces = np.zeros((nt, scene.N, 3))
         loop_forces[..., : len(scene.loop_axes)] = multipliers.reshape(nt, scene.N, -1)
         return F, loop_forces
 
     def _carried(self, assembly: Assembly, loop_forces: np.ndarray) -> np.ndarray:
         """Wrenches (nt, nj, 6): a loop's force on the tip is taken from every joint of its leg."""
-        joints = self.scene.joints
-        cut = np.array([j.cut for j in joints])
-        leg = [j.leg - 1 for j in joints if not j.cut]
+        cut = self._cut
         out = np.empty((len(loop_forces), len(cut), 6))
-        out[:, ~cut] = wrench.less_force(assembly.tree, loop_forces[:, leg], assembly.lever)
+        out[:, ~cut] = wrench.less_force(assembly.tree, loop_forces[:, self.tree_legs], assembly.lever)
         out[:, cut] = wrench.of_loop(loop_forces)
         return out
 

@@ -7,7 +7,7 @@ is solved as it stands.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,10 @@ FEASIBLE = 1e-10
 
 A trajectory's own motion is feasible to 1e-14; what is above this is another model.
 """
+
+
+FEW = 8
+"""Samples up to which the whole system is faster: the elimination's many array operations cost by the call."""
 
 
 class Layout(NamedTuple):
@@ -62,7 +66,12 @@ class Layout(NamedTuple):
 def forces(
     engine: str, tau: np.ndarray, J: np.ndarray, layout: Layout, undetermined: np.ndarray, weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `solve`, by elimination wherever the structure and the rank are there; `layout`: whose velocity is which."""
+    """As `solve`, but of many samples by elimination wherever the structure and the rank are there.
+
+    ``layout``: whose velocity is which.
+    """
+    if len(tau) <= FEW:
+        return solve(engine, tau, J, layout.actuated, undetermined, weight)
     (_, nc, nv), na = J.shape, len(layout.actuated)
     if nv != na + nc:
         raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
@@ -70,8 +79,8 @@ def forces(
     x = eliminate(tau, J, layout)
     left = undetermined | layout.couples(J) | ~np.isfinite(x).all(axis=1)
     if left.any():
-        numbers, actuated = np.flatnonzero(left), layout.actuated.tolist()
-        x[left] = np.hstack(solve(engine, tau[left], J[left], actuated, undetermined[left], weight, numbers))
+        numbers = np.flatnonzero(left)
+        x[left] = np.hstack(solve(engine, tau[left], J[left], layout.actuated, undetermined[left], weight, numbers))
     return x[:, :na], x[:, na:]
 
 
@@ -120,7 +129,7 @@ def solve(
     engine: str,
     tau: np.ndarray,
     J: np.ndarray,
-    actuated: list[int],
+    actuated: Sequence[int] | np.ndarray,
     undetermined: np.ndarray,
     weight: float = 0.0,
     numbers: np.ndarray | None = None,
@@ -155,7 +164,7 @@ def solve(
         raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
     require_finite(engine, tau=tau, J=J)
     K = np.zeros((nt, nv, nv))
-    K[:, actuated, range(na)] = 1.0
+    K[:, actuated, np.arange(na)] = 1.0
     K[:, :, na:] = J.transpose(0, 2, 1)
     length = np.linalg.norm(K, axis=2, keepdims=True)  # rows of hinges are moments, rows of slides are forces
     length[length == 0.0] = 1.0

@@ -211,7 +211,8 @@ def nearly_singular(A: np.ndarray) -> np.ndarray:
         suspect = ~(np.einsum("tii->ti", A).max(axis=1) < SUSPECT * pivots.min(axis=1))
     except np.linalg.LinAlgError:
         suspect = np.ones(len(A), dtype=bool)
-    out[suspect] = condition(A[suspect])
+    if suspect.any():
+        out[suspect] = condition(A[suspect])
     return out
 
 

@@ -35,7 +35,7 @@ def of_loop(multiplier: np.ndarray) -> np.ndarray:
 
 
 def rows_of_point(columns: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Rows (3, n, nt) of a point (3, nt) from Pinocchio's columns (6, n, nt): linear at the origin, angular.
+    """Rows (3, n, nt) of points (3, n, nt) from Pinocchio's columns (6, n, nt): linear at the origin, angular.
 
     The transpose shifts a force at the point to the origin.
     """
@@ -73,7 +73,7 @@ def shifted(wrench: np.ndarray, point: np.ndarray, new_point: np.ndarray) -> np.
 
 def moment(lever: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Vector product (..., 3) by components: many times faster than `numpy.cross` on short vectors."""
-    (x, y, z), (X, Y, Z) = np.moveaxis(lever, -1, 0), np.moveaxis(force, -1, 0)
+    (x, y, z), (X, Y, Z) = ((a[..., 0], a[..., 1], a[..., 2]) for a in (lever, force))
     return np.stack([y * Z - z * Y, z * X - x * Z, x * Y - y * X], axis=-1)
 
 

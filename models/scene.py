@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -47,6 +48,26 @@ class Joint(NamedTuple):
     cut: bool
     force: str
     moment: str | None
+
+
+@cache
+def _joints(N: int, topology: str, bases: bool) -> tuple[Joint, ...]:
+    """All that `Scene.joints` depends on; what asks for one sample at a time asks for them each time."""
+    joints: list[Joint] = []
+    for i in range(1, N + 1):
+        o, n, s, r = f"o{i}", f"n{i}", f"s{i}", f"r{i}"
+        base, guide, rod = f"base{i}", f"guide{i}", f"rod{i}"
+        if topology == "planar":
+            joints.append(Joint(n, i, "hull", guide, "revolute", (n,), False, False, "F_n", "M_n"))
+        elif not bases:
+            joints.append(Joint(n, i, "hull", guide, "universal", (o, n), False, False, "F_n", "M_n"))
+        else:
+            joints.append(Joint(o, i, "hull", base, "revolute", (o,), False, False, "F_o", "M_o"))
+            joints.append(Joint(n, i, base, guide, "revolute", (n,), False, False, "F_n", "M_n"))
+        joints.append(Joint(s, i, guide, rod, "prismatic", (s,), True, False, "F_s", "M_s"))
+        closure = "revolute" if topology == "planar" else "spherical"
+        joints.append(Joint(r, i, "platform", rod, closure, (), False, True, "F_r", None))
+    return tuple(joints)
 
 
 class Scene(Table):
@@ -103,21 +124,7 @@ class Scene(Table):
     @property
     def joints(self) -> tuple[Joint, ...]:
         """Joints that carry a reaction, leg by leg from hull to platform. The platform's own freedom is none."""
-        joints: list[Joint] = []
-        for i in self.legs:
-            o, n, s, r = f"o{i}", f"n{i}", f"s{i}", f"r{i}"
-            base, guide, rod = f"base{i}", f"guide{i}", f"rod{i}"
-            if self.topology == "planar":
-                joints.append(Joint(n, i, "hull", guide, "revolute", (n,), False, False, "F_n", "M_n"))
-            elif self.leg.base is None:
-                joints.append(Joint(n, i, "hull", guide, "universal", (o, n), False, False, "F_n", "M_n"))
-            else:
-                joints.append(Joint(o, i, "hull", base, "revolute", (o,), False, False, "F_o", "M_o"))
-                joints.append(Joint(n, i, base, guide, "revolute", (n,), False, False, "F_n", "M_n"))
-            joints.append(Joint(s, i, guide, rod, "prismatic", (s,), True, False, "F_s", "M_s"))
-            closure = "revolute" if self.topology == "planar" else "spherical"
-            joints.append(Joint(r, i, "platform", rod, closure, (), False, True, "F_r", None))
-        return tuple(joints)
+        return _joints(self.N, self.topology, self.leg.base is not None)
 
     @property
     def legs(self) -> range:

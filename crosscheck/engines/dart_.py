@@ -39,7 +39,7 @@ class DartEngine(SteppingEngine):
 
     name: ClassVar[str] = "dart"
     package: ClassVar[str] = "dartpy"
-    handles: ClassVar[tuple[str, ...]] = ("dart", "skeleton", "loops", "ends", "platform")
+    handles: ClassVar[tuple[str, ...]] = ("dart", "skeleton", "loops", "ends", "platform", "leg_bodies")
     objects: ClassVar[str | None] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
     law: ClassVar[Law] = Law(
@@ -71,6 +71,7 @@ class DartEngine(SteppingEngine):
         ]
         self.ends = [loop[end] for end in (0, 1) for loop in self.loops]
         self.platform = self._body("platform")
+        self.leg_bodies = [self.skeleton.getBodyNode(j.child) for j in self.tree_joints]
         self.time_step, self.reduction = TIME_STEP, REDUCTION
 
     def _body(self, name: str) -> Any:
@@ -115,8 +116,7 @@ class DartEngine(SteppingEngine):
     def assemble(self, state: State, with_tree: bool = False) -> Assembly:
         """``computeInverseDynamics`` under the load, Jacobians of the loop points, ``getBodyForce`` of leg bodies."""
         sk, scene, n = self.skeleton, self.scene, len(state.q)
-        joints = [j for j in scene.joints if not j.cut]
-        body_forces = [sk.getBodyNode(j.child).getBodyForce for j in joints] if with_tree else []
+        body_forces = [body.getBodyForce for body in self.leg_bodies] if with_tree else []
         tau, force = np.empty((n, scene.nv)), np.empty((n, 6 * len(body_forces)))
         jacobians, world = [(body.getJacobian, point) for body, point in self.ends], self.dart.dynamics.Frame.World()
         columns = np.empty((n, 6, column_count(scene)))
@@ -287,8 +287,8 @@ class DartEngine(SteppingEngine):
             held.q[k], held.v[k], held.a[k] = sk.getPositions(), sk.getVelocities(), sk.getAccelerations()
             yield k
         for got, want in zip(held, state, strict=True):
-            if len(wrong := np.argwhere(got != want)):
-                raise EngineError(f"{self.name}: refused the state of sample {wrong[0][0]}")
+            if (wrong := got != want).any():
+                raise EngineError(f"{self.name}: refused the state of sample {np.argwhere(wrong)[0][0]}")
 
     def set(self, state: State, k: int) -> None:
         """State of one sample."""

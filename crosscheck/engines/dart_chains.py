@@ -16,7 +16,7 @@ def column_count(scene: Scene) -> int:
 
 def loop_rows(scene: Scene, layout: Layout, columns: np.ndarray) -> np.ndarray:
     """Loop rows (nt, nc, nv), rod's tip less platform's pin, from linear columns (nt, 3, n) in world axes."""
-    nt, legs = len(columns), len(scene.coordinates)
+    nt, legs = len(columns), scene.nv - len(layout.platform)
     of_rods = columns[..., :legs].reshape(nt, 3, scene.N, -1)
     rows = np.zeros((nt, scene.N, 3, scene.nv))
     for i, chain in enumerate(layout.chains):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -59,6 +60,9 @@ class MujocoEngine(SteppingEngine):
         self.require_nv(self.model.nv)
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
         self.platform = self.model.body("platform").id
+        self.motors = [self.model.actuator(f"F{i}").id for i in scene.legs]
+        self.soft_model = copy.copy(self.model)  # the MJCF has MuJoCo's defaults
+        self.soft_data = mujoco.MjData(self.soft_model)
         self.impedance, self.tolerance = IMPEDANCE, TOLERANCE
         self.integrator, self.time_constant = INTEGRATOR, TIME_CONSTANT
 
@@ -116,12 +120,18 @@ class MujocoEngine(SteppingEngine):
         if not with_tree:
             return Assembly(tau, J)
         cfrc, com, xipos, xanchor, site = copies
-        joints = [j for j in scene.joints if not j.cut]
-        bodies = [m.body(j.child).id for j in joints]
-        anchors = xanchor[:, [m.joint(j.coordinates[0]).id for j in joints]]
-        point = np.where([[j.type == "prismatic"] for j in joints], xipos[:, bodies], anchors)
-        lever = site[:, [self.tips[j.leg - 1] for j in joints]] - point
+        bodies, anchors, slides, tips = self._tree
+        point = np.where(slides, xipos[:, bodies], xanchor[:, anchors])
+        lever = site[:, tips] - point
         return Assembly(tau, J, wrench.from_mujoco(cfrc[:, bodies], com[:, m.body_rootid[bodies]], point), lever)
+
+    @cached_property
+    def _tree(self) -> tuple[np.ndarray, ...]:
+        """Of every joint in the tree: numbers of its child and of its first coordinate, if it slides, rod's tip."""
+        m, joints = self.model, self.tree_joints
+        anchors, slides = [m.joint(j.coordinates[0]).id for j in joints], [[j.type == "prismatic"] for j in joints]
+        tips = [self.tips[leg] for leg in self.tree_legs]
+        return np.array([m.body(j.child).id for j in joints]), np.array(anchors), np.array(slides), np.array(tips)
 
     def gaps(self, state: State) -> Loops:
         """Positions, velocities and accelerations of the sites."""
@@ -195,7 +205,7 @@ class MujocoEngine(SteppingEngine):
 
     def _forward(self, state: State, F: np.ndarray) -> Iterator[Any]:
         """``mj_forward`` of every sample: forces on the motors, the load among the applied forces, soft loops."""
-        mj, m, scene = self.mj, copy.copy(self.model), self.scene
+        mj, m, d, scene = self.mj, self.soft_model, self.soft_data, self.scene
         beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
         if len(beyond):
             k, i = beyond[0].tolist()
@@ -205,10 +215,9 @@ class MujocoEngine(SteppingEngine):
             )
         m.eq_solimp[:, :2] = self.impedance
         m.opt.tolerance = self.tolerance
-        d = mj.MjData(m)
-        motors = [m.actuator(f"F{i}").id for i in scene.legs]
+        mj.mj_resetData(m, d)  # the solver starts from what it last found
         for k in range(len(F)):
-            d.qpos, d.qvel, d.ctrl[motors] = state.q[k], state.v[k], F[k]
+            d.qpos, d.qvel, d.ctrl[self.motors] = state.q[k], state.v[k], F[k]
             if scene.load:
                 mj.mj_fwdPosition(m, d)
                 d.qfrc_applied = self.load(d)
@@ -264,8 +273,8 @@ class MujocoEngine(SteppingEngine):
 
     def require_quiet(self, d: Any) -> None:
         """Raise EngineError if MuJoCo has warned: it goes on, with a state or controls of its own choice."""
-        warned = {self.mj.mjtWarning(i).name: w.number for i, w in enumerate(d.warning) if w.number}
-        if warned:
+        if d.warning.number.any():
+            warned = {self.mj.mjtWarning(i).name: w.number for i, w in enumerate(d.warning) if w.number}
             raise EngineError(f"{self.name}: warnings {warned}")
 
     def require_rows(self, d: Any) -> None:

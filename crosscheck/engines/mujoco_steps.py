@@ -26,7 +26,6 @@ def own_steps(engine: MujocoEngine, problem: Problem, F: Staged, steps: int) -> 
     m.opt.disableflags |= mj.mjtDisableBit.mjDSBL_AUTORESET
     m.eq_solimp[:, :2], m.eq_solref[:] = engine.impedance, (engine.time_constant * F.dt, 1.0)
     d = mj.MjData(m)
-    motors = [m.actuator(f"F{i}").id for i in engine.scene.legs]
     start = engine.state(problem.start)
     d.qpos, d.qvel = start.q[0], start.v[0]
     n = len(problem.grid)
@@ -34,7 +33,7 @@ def own_steps(engine: MujocoEngine, problem: Problem, F: Staged, steps: int) -> 
     q[0], v[0] = d.qpos, d.qvel
 
     def control(_: Any, d: Any) -> None:
-        d.ctrl[motors] = F(d.time)
+        d.ctrl[engine.motors] = F(d.time)
         if engine.scene.load:
             d.qfrc_applied = engine.load(d)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -120,17 +121,11 @@ class PinocchioEngine(SteppingEngine):
     def assemble(self, state: State, with_tree: bool = False) -> Assembly:
         """``rnea`` under the load and its ``data.f``; the loop points' rows of ``data.J``."""
         pin, m, d, scene = self.pin, self.model, self.data, self.scene
-        n, joints = len(state.q), [j for j in scene.joints if not j.cut]
-        index = [m.getJointId(j.coordinates[-1]) for j in joints]
+        n, nl = len(state.q), len(self.tree_joints)
         tau, columns, points = np.empty((n, m.nv)), np.empty((n, 6, m.nv)), np.empty((n, 2, scene.N, 3))
-        force, at, R = np.empty((n, len(index), 6)), np.empty((n, len(index), 3)), np.empty((n, len(index), 3, 3))
+        force, at, R = np.empty((n, nl, 6)), np.empty((n, nl, 3)), np.empty((n, nl, 3, 3))
         kept = (points.reshape(n, -1), force.reshape(n, -1), at.reshape(n, -1), R.reshape(n, -1, 3))
-        seen = (  # views of what Pinocchio writes
-            [d.oMf[ends[e]].translation for e in (0, 1) for ends in self.loops],
-            [d.f[j].vector for j in index],
-            [d.oMi[j].translation for j in index],
-            [d.oMi[j].rotation for j in index],
-        )[: 4 if with_tree else 1]
+        seen = self._views[: 4 if with_tree else 1]
         rnea, jacobians, placements, J = pin.rnea, pin.computeJointJacobians, pin.updateFramePlacements, d.J
         for k, (q, v, a) in enumerate(zip(*state, strict=True)):
             jacobians(m, d, q)
@@ -139,23 +134,38 @@ class PinocchioEngine(SteppingEngine):
             columns[k] = J
             for views, out in zip(seen, kept, strict=False):
                 np.concatenate(views, out=out[k])
-        rows = np.zeros((scene.N, 3, m.nv, n))  # samples last: products of short axes are slow
-        last, at_last = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in (columns, points))
-        for i, ends in enumerate(self.loops):
-            for e, sign in enumerate((1.0, -1.0)):
-                chain = self._chain(ends[e])
-                rows[i][:, chain] = sign * wrench.rows_of_point(last[:, chain], at_last[e, i])
-        rows = rows[:, : len(scene.loop_axes)].reshape(scene.nc, m.nv, n)
-        J = np.ascontiguousarray(np.moveaxis(rows, -1, 0))
+        end, leg, moving = self._chains
+        sign = 1.0 - 2.0 * end
+        last, at_last = columns.transpose(1, 2, 0), points.transpose(1, 2, 3, 0)  # products of short axes are slow
+        of_ends = wrench.rows_of_point(last[:, moving], at_last[end, leg].transpose(1, 0, 2)) * sign[:, None]
+        J = np.zeros((n, scene.N, len(scene.loop_axes), m.nv))
+        J[:, leg, :, moving] = of_ends[: J.shape[2]].transpose(1, 2, 0)
+        J = J.reshape(n, -1, m.nv)
         if not with_tree:
             return Assembly(tau, J)
-        return Assembly(tau, J, wrench.from_pinocchio(force, R), points[:, 0, [j.leg - 1 for j in joints]] - at)
+        return Assembly(tau, J, wrench.from_pinocchio(force, R), points[:, 0, self.tree_legs] - at)
 
-    def _chain(self, frame: int) -> list[int]:
-        """Velocities that move a frame."""
-        m = self.model
-        joints = [m.joints[j] for j in m.supports[m.frames[frame].parentJoint] if j]
-        return [j.idx_v + n for j in joints for n in range(j.nv)]
+    @cached_property
+    def _views(self) -> tuple[list[np.ndarray], ...]:
+        """What Pinocchio writes: loops' ends, rods' first; force, origin and axes of every joint in the tree."""
+        m, d = self.model, self.data
+        index = [m.getJointId(j.coordinates[-1]) for j in self.tree_joints]
+        return (
+            [d.oMf[ends[e]].translation for e in (0, 1) for ends in self.loops],
+            [d.f[j].vector for j in index],
+            [d.oMi[j].translation for j in index],
+            [d.oMi[j].rotation for j in index],
+        )
+
+    @cached_property
+    def _chains(self) -> np.ndarray:
+        """Columns (3, n): which end of which loop (from 0) moves with which velocity."""
+        m, chains = self.model, []
+        for leg, ends in enumerate(self.loops):
+            for end, frame in enumerate(ends):
+                joints = [m.joints[j] for j in m.supports[m.frames[frame].parentJoint] if j]
+                chains += [(end, leg, j.idx_v + n) for j in joints for n in range(j.nv)]
+        return np.array(chains).T
 
     def _kinematics(self, state: State) -> Iterator[tuple[int, list[np.ndarray]]]:
         """Number of every sample, and the classical accelerations of the loops' ends, tip and pin by turns."""
