@@ -144,9 +144,7 @@ def test_wrong_arrays_are_refused(hexapod: Scene, trajectory: Trajectory) -> Non
         analytic.driving_forces(P, motion, out=np.zeros((3, 6)))
     with pytest.raises(ValueError, match="out: got int64"):
         analytic.driving_forces(P, motion, out=np.zeros((21, 6), dtype=int))
-    with pytest.raises(
-        ValueError, match=r"out: got float64 of shape \(144, 5\), expected .* \(144, 21\)"
-    ):
+    with pytest.raises(ValueError, match=r"out: got float64 of shape \(144, 5\), expected .* \(144, 21\)"):
         analytic.inverse_dynamics(P, motion, out=InverseDynamics.zeros(5, 6))
     with pytest.raises(ValueError, match=r"out: got ndarray, expected what InverseDynamics.zeros makes"):
         analytic.inverse_dynamics(P, motion, out=np.zeros((144, 21)))  # type: ignore[arg-type]
