@@ -61,7 +61,7 @@ class Bound(NamedTuple):
     results: list[np.ndarray]
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=32)
 def _bound(P: Mechanism, problem: Problem, n: int, thread: int) -> Bound:
     """The program of a machine on registers of n samples, which belong to one thread."""
     program = traced(P, problem)

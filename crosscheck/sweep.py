@@ -74,7 +74,7 @@ class Plan(NamedTuple):
         return values[:: self.every]
 
 
-FULL = Plan(tuple(10**k for k in range(7)), tuple(10**k for k in range(5)), 1, 7, 2.0, 0.05)
+FULL = Plan(tuple(10**k for k in range(7)), tuple(10**k for k in range(5)), 1, 5, 2.0, 0.05)
 QUICK = Plan((1, 100, 10_000), (1, 1000), 3, 5, 0.3, 0.02)
 
 
