@@ -57,8 +57,11 @@ def test_blocks_do_not_show(engine_name: str, hexapod: Scene, trajectory: Trajec
     got = inverse_dynamics(engine_name, engine, hexapod, None, trajectory)
     assert 5 <= len(got.samples) <= 7
     np.testing.assert_array_equal(got.samples, certain(trajectory))
-    for name in ("F", "reactions", "L", "dL"):
+    for name in ("L", "dL"):
         np.testing.assert_array_equal(getattr(got, name), getattr(whole, name)[got.samples])
+    few = 4e-15 * np.abs(whole.reactions).max()  # blocks of a few samples are solved another way
+    for name in ("F", "reactions"):
+        np.testing.assert_allclose(getattr(got, name), getattr(whole, name)[got.samples], rtol=0, atol=few)
     for loop in LOOPS:
         want = Worst.of(np.linalg.norm(whole.loops[loop], axis=2), [f"leg {i}" for i in hexapod.legs])
         for part in range(3):
