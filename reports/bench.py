@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from .files import write_files
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SPEED_ERROR_COLUMNS = [
     "task", "scene", "engine", "route", "backend", "setting", "batch", "us_per_sample", "us_p10", "us_p90",
@@ -53,7 +55,7 @@ def best(table: pd.DataFrame) -> pd.DataFrame:
 
 def number(x: float) -> str:
     """Three digits, without exponent."""
-    return "" if pd.isna(x) else f"{x:,.0f}" if x >= 100 else f"{x:.3g}"
+    return "" if np.isnan(x) else f"{x:,.0f}" if x >= 100 else f"{x:.3g}"
 
 
 def samples(batch: int) -> str:
