@@ -12,6 +12,7 @@ import numpy as np
 from .compiled import Compiled
 from .evaluate import REGULAR, Mechanism, Problem
 from .registers import NumPy
+from .samples import parts
 from .solve import ordered_numbers
 
 
@@ -73,7 +74,6 @@ def answer(
         raise ValueError(f"backend: got {backend!r}, expected one of {', '.join(BACKENDS)}")
     nt = out.shape[1]
     made = back_end(backend or ("float" if nt == 1 else "numpy"), P, problem)
-    for start in range(0, nt, made.size):
-        block = slice(start, min(start + made.size, nt))
+    for block in parts(nt, made.size):
         if not made.fill([a[block] for a in inputs], out[:, block]):
             yield block

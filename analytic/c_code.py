@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from .trace import Program
 
 TILE = 32
-"""Samples that the inner loop takes at a time: results of all slots, 8 kB times 4, stay in the cache until they are
-written."""
+"""Samples that the inner loop takes at a time: their results, 37 kB of a hexapod, stay in the cache until written."""
 
 _EXPRESSIONS = {
     "+": "{} + {}",

@@ -1,6 +1,6 @@
 """The back end `compiled`: a problem of a machine traced, written as C and compiled.
 
-Numbers of a machine are arguments of the compiled code; which of them vanish shapes it.
+Numbers of a machine are arguments of the compiled code; which of them are 0, 1 or equal shapes it.
 """
 
 from __future__ import annotations

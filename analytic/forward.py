@@ -155,7 +155,7 @@ def forward_dynamics(
     ArithmeticError
         Row-scaled condition above 1e12.
     ValueError
-        Wrong shape, a value that is not finite, or an unknown form or back end.
+        Wrong shape, a value that is not finite or makes accelerations that are not, an unknown form or back end.
     """
     zero = np.zeros(np.shape(motion.C_p))
     P, motion = in_floats(P), checked(motion._replace(ddC_p=zero, dw_p=zero))
@@ -198,3 +198,6 @@ def _in_form(name: str, P: Mechanism, motion: PlatformMotion, F: np.ndarray, out
         with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name
             one = _second_problem(P, m, list(F[block].T), np.sqrt, solve, _guarded(name, start))
         out[:3, block], out[3:, block] = one.ddC_p, one.dw_p
+        bad = np.flatnonzero(~np.isfinite(out[:, block]).all(axis=0))
+        if len(bad):
+            raise ValueError(f"sample {start + int(bad[0])}: accelerations are beyond what float64 holds")

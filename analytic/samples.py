@@ -12,7 +12,7 @@ from .evaluate import VECTORS
 from .stewart import PlatformMotion
 
 BLOCK = 2048
-"""Samples per block: 16 kB an array, so that temporaries stay in the cache and come from the heap."""
+"""Samples per block: 16 kB an array, so that what an operation reads and writes stays in the cache."""
 
 LINE = 8
 """Numbers in a cache line: every row of results starts on one."""

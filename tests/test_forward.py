@@ -96,6 +96,14 @@ def test_steep_legs_are_left_to_the_form_that_serves_them(
     np.testing.assert_allclose(got.dw_p, wanted.dw_p, rtol=0, atol=digits * np.abs(wanted.dw_p).max())
 
 
+@pytest.mark.parametrize("backend", ["numpy", "float", "compiled"])
+def test_accelerations_that_overflow_are_named(backend: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    F = np.zeros((len(trajectory.t), 6))
+    F[3] = 1e308
+    with pytest.raises(ValueError, match="sample 3: accelerations are beyond what float64 holds"):
+        forward_dynamics(parameters(hexapod), trajectory.motion, F, backend=backend)
+
+
 def test_a_form_is_asked_for_without_a_back_end(hexapod: Scene, trajectory: Trajectory) -> None:
     F = np.zeros((len(trajectory.t), 6))
     with pytest.raises(ValueError, match="backend: got 'numpy' together with the form 'paper', expected one of them"):
