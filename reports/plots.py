@@ -210,27 +210,26 @@ def _in_short(method: Method) -> Method:
 
 
 def over_legs(scaling: pd.DataFrame) -> Figure:
-    """Time per sample of machines by their number of legs."""
-    tasks = list(PANELS)
-    rows = scaling[~scaling["what"].isin(tasks)]
-    figure = Figure(figsize=(6.5, 4.2), layout="constrained")
+    """Time per sample, and memory of a call, of machines by their number of legs."""
+    rows = scaling[~scaling["what"].isin(list(PANELS))]
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     if not len(rows):
         return figure
-    axes = figure.subplots()
     names = rows["what"].unique()
     style = styles(("analytic", name) for name in names)
-    for name in names:
-        part = rows[rows["what"] == name].sort_values("legs")
-        label = f"{name.replace('_', ' ')}, {part['backend'].iloc[0]}, {part['batch'].iloc[0]} at a time"
-        axes.plot(part["legs"], part["us_per_sample"], **style["analytic", name], label=label)
-        first = part.iloc[0]
-        axes.plot(
-            part["legs"], first["us_per_sample"] * part["legs"] / first["legs"], color="0.6", linewidth=0.8,
-            linestyle=":", label="in proportion to the legs" if name == names[-1] else None,
-        )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="legs [1]", ylabel="time per sample [µs]", title="Number of legs")
     legs = sorted(rows["legs"].unique())
-    axes.set_xticks(legs, [str(n) for n in legs])
-    axes.minorticks_off()
-    axes.legend(loc="upper left", fontsize=8.5)
+    panels = (("us_per_sample", "time per sample [µs]"), ("peak_mb", "memory of a call [MB]"))
+    for axes, (column, title) in zip(figure.subplots(1, 2), panels, strict=True):
+        for name in names:
+            part = rows[rows["what"] == name].sort_values("legs")
+            label = f"{name.replace('_', ' ')}, {part['backend'].iloc[0]}, {part['batch'].iloc[0]} at a time"
+            axes.plot(part["legs"], part[column], **style["analytic", name], label=label)
+            proportion = part[column].iloc[0] * part["legs"] / part["legs"].iloc[0]
+            label = "in proportion to the legs" if name == names[-1] else None
+            axes.plot(part["legs"], proportion, color="0.6", linewidth=0.8, linestyle=":", label=label)
+        axes.set(xscale="log", yscale="log", xlabel="legs [1]", ylabel=title)
+        axes.set_xticks(legs, [str(n) for n in legs])
+        axes.minorticks_off()
+    figure.axes[0].legend(loc="upper left", fontsize=8.5)
+    figure.suptitle("Number of legs")
     return figure

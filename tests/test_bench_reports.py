@@ -58,7 +58,7 @@ def table() -> pd.DataFrame:
 def scaling(table: pd.DataFrame) -> pd.DataFrame:
     rows = table[(table["task"] != "simulate")].rename(columns={"task": "what"}).assign(legs=6, peak_mb=1.0)
     legs = rows[:1].assign(what="inverse_kinematics", setting="")
-    return pd.concat([rows, legs, legs.assign(legs=12, us_per_sample=300.0)], ignore_index=True)
+    return pd.concat([rows, legs, legs.assign(legs=12, us_per_sample=300.0, peak_mb=5.0)], ignore_index=True)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,11 @@ INFO = {
     "command": ["crosscheck", "bench"],
     "versions": {"python": "3.11", "numpy": "2"},
     "machine": {
-        "system": "Linux", "processor": "x86_64", "model": "A <fast> one", "cores": 2, "usable_cores": 2,
+        "system": "Linux",
+        "processor": "x86_64",
+        "model": "A <fast> one",
+        "cores": 2,
+        "usable_cores": 2,
         "memory_gib": 8.0,
     },
     "scene": {"name": "hexapod", "sha256": "0"},
@@ -87,17 +91,28 @@ INFO = {
     "roofline": {"products": 6e10, "stored": 3e10, "loaded": 2e10, "least_us": {"driving_forces": 0.25}},
     "wrong": [],
     "failed": [],
-}  # fmt: skip
+}
 
 FAILED = {
-    "task": "simulate", "engine": "broken", "route": "kkt", "backend": "", "setting": "RK4, dt 0.01 s", "batch": 1,
+    "task": "simulate",
+    "engine": "broken",
+    "route": "kkt",
+    "backend": "",
+    "setting": "RK4, dt 0.01 s",
+    "batch": 1,
     "reason": "its process died: <SIGSEGV>",
-}  # fmt: skip
+}
 
 WRONG = {
-    "task": "forward_step", "engine": "mujoco", "route": "kkt", "backend": "", "setting": "hard loops", "batch": 1,
-    "max_rel_error": 1e-6, "over_tolerance": 1e7,
-}  # fmt: skip
+    "task": "forward_step",
+    "engine": "mujoco",
+    "route": "kkt",
+    "backend": "",
+    "setting": "hard loops",
+    "batch": 1,
+    "max_rel_error": 1e-6,
+    "over_tolerance": 1e7,
+}
 
 
 # --- Plots ------------------------------------------------------------------------------------------------------------
@@ -181,10 +196,11 @@ def test_scaling_draws_what_has_more_than_one_batch(scaling: pd.DataFrame) -> No
 
 
 def test_legs_are_drawn_beside_their_proportion(scaling: pd.DataFrame) -> None:
-    (axes,) = over_legs(scaling).axes
-    line, proportion = axes.get_lines()
-    assert np.array_equal(line.get_ydata(), [100.0, 300.0])
-    assert np.array_equal(proportion.get_ydata(), [100.0, 200.0])
+    time, memory = over_legs(scaling).axes
+    for axes, drawn, straight in ((time, [100.0, 300.0], [100.0, 200.0]), (memory, [1.0, 5.0], [1.0, 2.0])):
+        line, proportion = axes.get_lines()
+        assert np.array_equal(line.get_ydata(), drawn)
+        assert np.array_equal(proportion.get_ydata(), straight)
 
 
 def test_nothing_to_draw_is_no_plot(table: pd.DataFrame, scaling: pd.DataFrame) -> None:

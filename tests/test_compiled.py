@@ -146,8 +146,10 @@ def test_a_process_that_was_forked_leaves_the_passing_folder(tmp_path: Path) -> 
             "os.wait()\n"
             "print(folder.exists(), folder)\n",
         ],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     there, path = done.stdout.split()
     assert there == "True"
     assert not Path(path).exists()  # but it goes with the process that made it
