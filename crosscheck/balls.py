@@ -6,7 +6,7 @@ A quantity that moves is a 2-jet (x, x', x''), of balls or of vectors of balls; 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from flint import arb
 
@@ -14,9 +14,9 @@ Vector = tuple[arb, arb, arb]
 Jet = tuple[Any, Any, Any]  # value, first and second time derivative: of arb, or of Vector
 
 
-def vector(values: Iterable[float]) -> Vector:
-    """Exact vector of three floats."""
-    x, y, z = (arb(float(v)) for v in values)
+def vector(values: Iterable[float | arb]) -> Vector:
+    """Exact vector of three floats, or the vector of three balls."""
+    x, y, z = (v if isinstance(v, arb) else arb(float(v)) for v in values)
     return x, y, z
 
 
@@ -84,3 +84,29 @@ def sqrt_jet(x: Jet) -> Jet:
     root = x[0].sqrt()
     d = x[1] / (2 * root)
     return root, d, (x[2] - 2 * d * d) / (2 * root)
+
+
+class Turning(NamedTuple):
+    """Angular velocity and acceleration of a frame, and the frame's axes as jets."""
+
+    axes: tuple[Jet, Jet, Jet]
+    omega: Vector
+    alpha: Vector
+
+
+def turning(*axes: Jet) -> Turning:
+    """From the axes of an orthonormal frame: omega = 1/2 sum e x e', alpha = 1/2 sum e x e''."""
+    half = arb(1) / 2
+    omega = times(half, plus(*(cross(e[0], e[1]) for e in axes)))
+    alpha = times(half, plus(*(cross(e[0], e[2]) for e in axes)))
+    return Turning((axes[0], axes[1], axes[2]), omega, alpha)
+
+
+def angular_momentum_rate(body: Turning, J: tuple[arb, arb, arb]) -> Vector:
+    """H' of H = sum J_k (omega . e_k) e_k, the angular momentum about the centre of mass."""
+    dH = []
+    for J_k, e in zip(J, body.axes, strict=True):
+        h = J_k * dot(body.omega, e[0])
+        dh = J_k * (dot(body.alpha, e[0]) + dot(body.omega, e[1]))
+        dH.append(plus(times(dh, e[0]), times(h, e[1])))
+    return plus(*dH)

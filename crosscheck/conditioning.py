@@ -15,8 +15,8 @@ class Conditioning(NamedTuple):
 
     ``condition``: of the platform's equations for the driving forces, moments over the longest lever of a pin; NaN
     unless N fits.  ``undetermined``: one of these equations vanishes for every leg.  ``sin_q_n``: the smallest of the
-    legs (planar: 1, no base turns there).  ``reach``: largest distance of a pin from the world's origin, over the
-    shortest leg or the longest lever on the platform, whichever is shorter.
+    legs (planar: 1, no base turns there).  ``reach``: largest distance of a pin from the world's origin, or `a` if
+    that is longer, over the shortest leg or the longest lever on the platform, whichever is shorter.
     """
 
     condition: np.ndarray
@@ -34,13 +34,15 @@ def _require_length(scene: Scene, r: np.ndarray, L: np.ndarray) -> None:
         raise SingularPose(sample, leg + 1, "length", float(L[sample, leg]), limit)
 
 
-def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray, inverse: bool = True) -> Conditioning:
+def conditioning(
+    scene: Scene, position: np.ndarray, R: np.ndarray, inverse: bool = True, regular: bool = True
+) -> Conditioning:
     """Conditioning of poses (nt, 3), (nt, 3, 3); without `inverse` that for the driving forces is not asked for.
 
     Raises
     ------
     SingularPose
-        A leg has hardly any length, or the condition is above 1e12.
+        A leg has hardly any length, or, if poses have to be `regular`, the condition is above 1e12.
     """
     pins = np.array(scene.hull.pins)
     r = np.einsum("tij,nj->tni", R, np.array(scene.pins))
@@ -49,7 +51,8 @@ def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray, inverse: boo
     _require_length(scene, r, L[..., 0])
     lever = longest_lever(scene.pins)
     shortest = L.min(axis=(1, 2)) if scene.freedom == "point" else np.minimum(L.min(axis=(1, 2)), lever)
-    farthest = np.maximum(np.linalg.norm(pins, axis=1).max(), np.linalg.norm(pins + l, axis=2).max(axis=1))
+    fixed = max(float(np.linalg.norm(pins, axis=1).max()), abs(scene.leg.a))
+    farthest = np.maximum(fixed, np.linalg.norm(pins + l, axis=2).max(axis=1))
     spatial = scene.freedom == "spatial"
     sin_q_n = (np.hypot(l[..., 0], l[..., 2]) / L[..., 0]).min(axis=1) if spatial else np.ones(len(l))
     condition, undetermined = np.full(len(l), np.nan), np.zeros(len(l), dtype=bool)
@@ -59,5 +62,6 @@ def conditioning(scene: Scene, position: np.ndarray, R: np.ndarray, inverse: boo
         A, condition, leg = conditioned(np.concatenate([y, np.cross(r, y)], axis=2).transpose(0, 2, 1)[:, rows], lever)
         if not spatial:
             condition, undetermined = without_vanishing_row(A, condition)
-        require_regular(condition, leg)
+        if regular:
+            require_regular(condition, leg)
     return Conditioning(condition, undetermined, sin_q_n, farthest / shortest)

@@ -16,34 +16,26 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ..models.scene import Scene
-from .balls import Jet, Vector, apply, cross, cross_jet, dot, dot_jet, minus, over, plus, sqrt_jet, times, total, vector
+from .balls import (
+    Jet,
+    Turning,
+    Vector,
+    angular_momentum_rate,
+    apply,
+    cross,
+    cross_jet,
+    dot,
+    dot_jet,
+    minus,
+    over,
+    plus,
+    sqrt_jet,
+    times,
+    total,
+    turning,
+    vector,
+)
 from .tolerance import FEASIBLE
-
-
-class _Turning(NamedTuple):
-    """Angular velocity and acceleration of a frame, and the frame's axes as jets."""
-
-    axes: tuple[Jet, Jet, Jet]
-    omega: Vector
-    alpha: Vector
-
-
-def _turning(*axes: Jet) -> _Turning:
-    """From the axes of an orthonormal frame: omega = 1/2 sum e x e', alpha = 1/2 sum e x e''."""
-    half = arb(1) / 2
-    omega = times(half, plus(*(cross(e[0], e[1]) for e in axes)))
-    alpha = times(half, plus(*(cross(e[0], e[2]) for e in axes)))
-    return _Turning((axes[0], axes[1], axes[2]), omega, alpha)
-
-
-def _angular_momentum_rate(body: _Turning, J: tuple[arb, arb, arb]) -> Vector:
-    """H' of H = sum J_k (omega . e_k) e_k, the angular momentum about the centre of mass."""
-    dH = []
-    for J_k, e in zip(J, body.axes, strict=True):
-        h = J_k * dot(body.omega, e[0])
-        dh = J_k * (dot(body.alpha, e[0]) + dot(body.omega, e[1]))
-        dH.append(plus(times(dh, e[0]), times(h, e[1])))
-    return plus(*dH)
 
 
 @dataclass
@@ -52,7 +44,7 @@ class _Leg:
 
     r: Vector
     L: Jet
-    frame: _Turning
+    frame: Turning
     y_r: Vector
     F_s: Vector
     F_n: Vector
@@ -80,6 +72,21 @@ class _Leg:
         }
 
 
+class _Equations(NamedTuple):
+    """The platform's six equations, of which ``rows`` count: right - sum(-along u) = 0.
+
+    ``known``: F_r of each leg without its component u along the leg; ``along``: what a unit of u adds to the equations;
+    ``inertial``: u + F; ``spent``: power that the platform takes, less that of the load.
+    """
+
+    rows: tuple[int, ...]
+    right: tuple[arb, ...]
+    known: list[Vector]
+    along: list[tuple[arb, ...]]
+    inertial: list[arb]
+    spent: arb
+
+
 class Sample:
     """The mechanism at one row of a trajectory, at the current precision."""
 
@@ -89,8 +96,9 @@ class Sample:
         C, dC, ddC = (vector(row[n]) for n in ("position", "velocity", "acceleration"))
         self.C: Jet = (C, dC, ddC)
         self.omega, self.alpha = vector(row["angular_velocity"]), vector(row["angular_acceleration"])
-        self.R = self._rotation([arb(float(v)) for v in row["quaternion"]])
+        self.R = self._rotation([arb(v) for v in row["quaternion"]])
         self.a = arb(scene.leg.a)
+        self.thin = scene.leg.base is None and scene.leg.guide.J_y == 0.0 == scene.leg.rod.J_z
         self.legs = [self._leg(i) for i in range(scene.N)]
 
     @staticmethod
@@ -117,27 +125,29 @@ class Sample:
         pin = vector(self.scene.hull.pins[i])
         tip = (minus(plus(self.C[0], r[0]), pin), plus(self.C[1], r[1]), plus(self.C[2], r[2]))
 
-        # The base turns about y_r, the guide about z_n, horizontal and square to the leg; in a plane about z_r.
+        # The base turns about y_r, the guide about z_n, horizontal and square to the leg; in a plane about z_r. Without
+        # inertia about y_r and its own axis no moment can be across a leg: any axes square to it will do.
         L = sqrt_jet(dot_jet(tip, tip))
         y = over(tip, L)
         if self.scene.topology == "planar":
             z: Jet = ((arb(0), arb(0), arb(1)), zero, zero)
         else:
-            across = cross_jet(y_r, tip)
+            upright = self.thin and abs(float(tip[0][0])) < abs(float(tip[0][1]))
+            across = cross_jet(((arb(1), arb(0), arb(0)), zero, zero) if upright else y_r, tip)
             z = over(across, sqrt_jet(dot_jet(across, across)))
-        frame = _turning(cross_jet(y, z), y, z)
+        frame = turning(cross_jet(y, z), y, z)
 
         # Rod: its centre of mass is a short of the tip.
         m_s, J_x, J_z = (arb(v) for v in (leg.rod.mass, leg.rod.J_x, leg.rod.J_z))
         rod = tuple(minus(tip[d], times(self.a, y[d])) for d in range(3))
-        dH_s = _angular_momentum_rate(frame, (J_x, J_z, J_x))
+        dH_s = angular_momentum_rate(frame, (J_x, J_z, J_x))
         F_s = times(m_s, minus(rod[2], self.g))
 
         # Guide: central inertia from the one about O_n.
         m_n, a_n, J_nx, J_ny = (arb(v) for v in (leg.guide.mass, leg.guide.com, leg.guide.J_x, leg.guide.J_y))
         J_c = J_nx - m_n * a_n * a_n
         guide = tuple(times(a_n, y[d]) for d in range(3))
-        dH_n = _angular_momentum_rate(frame, (J_c, J_ny, J_c))
+        dH_n = angular_momentum_rate(frame, (J_c, J_ny, J_c))
         F_n = plus(times(m_n, minus(guide[2], self.g)), F_s)
         # Moments about the guide's centre of mass: F_n acts at O_n, -F_s and -M_s (here H_s') at the rod's.
         M_n = plus(dH_n, cross(guide[0], F_n), dH_s, cross(minus(rod[0], guide[0]), F_s))
@@ -152,9 +162,9 @@ class Sample:
         F_o, M_o = F_n, M_n
         bodies = [(m_s, rod[0], rod[2], dH_s), (m_n, guide[0], guide[2], dH_n)]
         if leg.base:
-            base = _turning(cross_jet(y_r, z), y_r, z)
+            base = turning(cross_jet(y_r, z), y_r, z)
             J_o = arb(leg.base.J_z)
-            dH_o = _angular_momentum_rate(base, (J_o, J_o, J_o))
+            dH_o = angular_momentum_rate(base, (J_o, J_o, J_o))
             F_o = minus(F_n, times(arb(leg.base.mass), self.g))
             M_o = plus(dH_o, M_n)
             power = power + dot(base.omega, dH_o)
@@ -208,49 +218,64 @@ class Sample:
         moment = force * lever + float(np.linalg.norm(platform.tensor)) * turning
         return force, moment + (math.hypot(*load.moment) if load else 0.0)
 
-    def solve(self) -> dict[str, list]:
-        """Forces along the legs from the platform, then every reaction.
-
-        Raises Infeasible, and ZeroDivisionError if none is certain.
-        """
+    def _equations(self) -> _Equations:
+        """The platform's equations in the components of the loop forces along the legs."""
         right_F, right_M, spent = self._platform()
         spatial = self.scene.topology == "spatial"
-        # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 give two components of F_r; along y_n it is free.
-        # A planar leg has no hinge o, and F_r no component along z_r.
+        # Hinges n and o are passive: M_n . z_n = 0 and M_o . y_r = 0 (of a thin leg, then, M_n = 0) give two components
+        # of F_r; along y_n it is free. A planar leg has no hinge o, and F_r no component along z_r.
         known, along, inertial = [], [], []
         for leg in self.legs:
             x, y, z = (e[0] for e in leg.frame.axes)
             arm_n = cross(z, times(leg.L[0], y))  # (L y x F) . z = F . (z x L y)
             F_r = times(dot(leg.M_n, z) / dot(arm_n, x), x)
             if spatial:
-                arm_o = cross(leg.y_r, times(leg.L[0], y))
-                F_r = plus(F_r, times(dot(leg.M_o, leg.y_r) / dot(arm_o, z), z))
+                passive = x if self.thin else leg.y_r
+                arm_o = cross(passive, times(leg.L[0], y))
+                F_r = plus(F_r, times(dot(leg.M_o, passive) / dot(arm_o, z), z))
             known.append(F_r)
             along.append((*y, *cross(leg.r, y)))
             inertial.append(dot(leg.F_s, y))
             right_F = plus(right_F, F_r)
             right_M = plus(right_M, cross(leg.r, F_r))
         rows = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5), "point": (0, 1)}[self.scene.freedom]
-        right, size, twist = (*right_F, *right_M), self._size(), (*self.C[1], *self.omega)
-        left = {j: right[j] for j in rows if all(x.is_exact() and x == 0 for x in (column[j] for column in along))}
+        return _Equations(rows, (*right_F, *right_M), known, along, inertial, spent)
+
+    def left_over(self, F: Sequence[arb]) -> list[arb]:
+        """What given driving forces [N] leave of the platform's equations [N, N m]: affine in its accelerations."""
+        e = self._equations()
+        free = [inertial - f for inertial, f in zip(e.inertial, F, strict=True)]
+        return [total(e.right[j], *(u * column[j] for u, column in zip(free, e.along, strict=True))) for j in e.rows]
+
+    def under(self, F: Sequence[arb]) -> dict[str, list]:
+        """Every reaction under driving forces [N] that fit the motion, lengths and rates of the legs."""
+        e = self._equations()
+        out: dict[str, list] = {}
+        for leg, F_r, inertial, f in zip(self.legs, e.known, e.inertial, F, strict=True):
+            F_r = plus(F_r, times(inertial - f, leg.frame.axes[1][0]))
+            for name, value in leg.reactions(self.a, F_r).items():
+                out.setdefault(name, []).append(value)
+        out["F"] = [dot(F_s, leg.frame.axes[1][0]) for F_s, leg in zip(out["F_s"], self.legs, strict=True)]
+        out["L"], out["dL"] = ([leg.L[d] for leg in self.legs] for d in (0, 1))
+        out["F_hull"], out["M_hull"] = ([v] for v in self._on_hull())
+        return out
+
+    def solve(self) -> dict[str, list]:
+        """Forces along the legs from the platform, then every reaction.
+
+        Raises Infeasible, and ZeroDivisionError if none is certain.
+        """
+        e = self._equations()
+        spent, size, twist = e.spent, self._size(), (*self.C[1], *self.omega)
+        left = {j: e.right[j] for j in e.rows if all(x.is_exact() and x == 0 for x in (c[j] for c in e.along))}
         for j, b in left.items():
             if not abs(float(b)) <= FEASIBLE * size[j // 3]:
                 raise Infeasible(f"no forces give this motion: residual {float(b):.6g} ({'N' if j < 3 else 'N m'})")
             spent = spent - b * twist[j]  # what the motion takes, and no force gives
-        kept = [j for j in rows if j not in left]
-        free = _free_forces([[-column[j] for column in along] for j in kept], [right[j] for j in kept], inertial)
-
-        out: dict[str, list] = {name: [] for name in ("F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o", "L", "dL")}
-        for i, leg in enumerate(self.legs):
-            y = leg.frame.axes[1][0]
-            reactions = leg.reactions(self.a, plus(known[i], times(free[i], y)))
-            for name, value in reactions.items():
-                out[name].append(value)
-            out["F"].append(dot(reactions["F_s"], y))
-            out["L"].append(leg.L[0])
-            out["dL"].append(leg.L[1])
-            spent = spent + leg.power
-        out["F_hull"], out["M_hull"] = ([v] for v in self._on_hull())
+        kept = [j for j in e.rows if j not in left]
+        free = _free_forces([[-column[j] for column in e.along] for j in kept], [e.right[j] for j in kept], e.inertial)
+        out = self.under([inertial - u for inertial, u in zip(e.inertial, free, strict=True)])
+        spent = total(spent, *(leg.power for leg in self.legs))
         out["power"] = [spent - total(*(F * dL for F, dL in zip(out["F"], out["dL"], strict=True)))]
         return out
 

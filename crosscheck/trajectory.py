@@ -15,6 +15,7 @@ from ..models.scene import Scene, printable
 from ..models.tables import LARGEST, Component
 from . import quaternions
 from .conditioning import conditioning
+from .hard import Row
 from .quaternions import Jet, rotation
 from .trajectory_csv import POSE, RATES, TrajectoryError, read_columns, wanted_columns
 from .waves import sines
@@ -151,13 +152,17 @@ def _build(
     w: np.ndarray,
     dw: np.ndarray,
     inverse: bool = True,
+    regular: bool = True,
 ) -> Trajectory:
-    """Add the joint coordinates; refuse what has no inverse dynamics, if that is wanted (else its condition is NaN)."""
+    """Add the joint coordinates; refuse what has no inverse dynamics, if that is wanted (else its condition is NaN).
+
+    Poses that need not be `regular` have a condition, however large.
+    """
     motion = PlatformMotion(p[0], rotation(q), p[1], w, p[2], dw)
     _require_plane(scene, source, motion, q)
     try:
         with np.errstate(all="ignore"):  # a leg of length zero divides by it; it is refused by name just below
-            found = conditioning(scene, p[0], motion.R, inverse)
+            found = conditioning(scene, p[0], motion.R, inverse, regular)
         coordinates = _coordinates(scene, motion, q)
         if found.undetermined.any():
             analytic.driving_forces(scene.parameters, motion)  # no forces may give this motion
@@ -180,6 +185,24 @@ def along(scene: Scene, t: np.ndarray, inverse: bool = True) -> Trajectory:
     x = sines(orientation.components if orientation else _UNTURNED, t)
     q = quaternions.of_angles(orientation.kind if orientation else "rotation_vector", x)
     return _build(scene, source, t, sines(scene.motion.position, t), q[0], *quaternions.angular(q), inverse)
+
+
+def instant(scene: Scene, row: Row, inverse: bool = True) -> Trajectory:
+    """One row of a motion in any pose that has joint coordinates, singular ones too. Raises TrajectoryError.
+
+    Without `inverse` no forces need give its accelerations.
+    """
+    p, q, v, w, a, dw = (np.array([x], dtype=float) for x in row)
+    return _build(scene, scene.source, np.zeros(1), (p, v, a), q, w, dw, inverse, regular=False)
+
+
+def platform_alone(scene: Scene, row: Row) -> Trajectory:
+    """One row of a motion without joint coordinates, which not every pose has, and without a look at its condition."""
+    p, q, v, w, a, dw = (np.array([x], dtype=float) for x in row)
+    unknown = np.full(1, np.nan)
+    return Trajectory(
+        np.zeros(1), p, q, v, w, a, dw, {}, {}, {}, unknown, np.zeros(1, dtype=bool), unknown, unknown, scene.source
+    )
 
 
 def driving_forces(scene: Scene, t: np.ndarray) -> np.ndarray:

@@ -214,7 +214,7 @@ def test_singular_pose_is_not_certified(
     hexapod: Scene, trajectory: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All pins of the platform in one point: no force holds a moment, at any precision."""
-    monkeypatch.setattr(reference_, "MOST_BITS", 256)  # the answer is the same at 8192 bits, later
+    monkeypatch.setattr(reference_, "PRECISIONS", (128, 256))  # the answer is the same at 8192 bits, later
     platform = hexapod.platform.model_copy(update={"pins": ((0.1, 0.0, 0.2),) * 6})
     with pytest.raises(NotCertified, match="singular pose"):
         certified(hexapod.model_copy(update={"platform": platform}), row_of(trajectory, 0))

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, ClassVar
 
 import flint
 import numpy as np
-from flint import arb
+from flint import arb, arb_mat
 
 from ...models.scene import Scene
 from .. import wrench
@@ -22,12 +23,17 @@ from ..chosen import chosen_samples
 from ..engine import DynamicsResult, EngineError, by_joint, engine_version
 from ..newton_euler import Infeasible, Sample
 
-FIRST_BITS, MOST_BITS = 128, 8192
+PRECISIONS = tuple(2**k for k in range(7, 14))
+"""Tried in turn [bits]."""
+
 BOUND = 1e-20
 """Wanted radius, relative to the largest force or moment of the sample: far below float64, which holds the value."""
 
+COLUMNS = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5), "point": (0, 1)}
+"""Components of ddC_p and dw_p that a platform has."""
+
 LEAST_FORCE = 1e-9
-"""What the bound refers to when forces cancel, N."""
+"""What the bound refers to when forces cancel [N], and accelerations [SI units]."""
 
 
 class NotCertified(EngineError):
@@ -57,15 +63,11 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
     NotCertified
         The radius stays above the bound at 8192 bits, or the motion is infeasible.
     """
-    before = flint.ctx.prec
-    bits = FIRST_BITS
-    try:
-        while bits <= MOST_BITS:
-            flint.ctx.prec = bits
+    for bits in PRECISIONS:
+        with flint.ctx.workprec(bits):
             try:
                 out = Sample(scene, row).solve()
             except ZeroDivisionError:
-                bits *= 2
                 continue
             except Infeasible as e:
                 raise NotCertified(f"reference: {e}") from None
@@ -84,10 +86,52 @@ def certified(scene: Scene, row: Mapping[str, Sequence[float]], bound: float = B
                         f"reference: the power balance is {out['power'][0]}, expected a ball around zero"
                     )
                 return out
-            bits *= 2
-    finally:
-        flint.ctx.prec = before
-    raise NotCertified(f"reference: no radius below {bound:g} of the largest force at {MOST_BITS} bits: singular pose")
+    raise NotCertified(
+        f"reference: no radius below {bound:g} of the largest force at {PRECISIONS[-1]} bits: singular pose"
+    )
+
+
+def certified_forward(
+    scene: Scene, row: Mapping[str, Sequence[float]], F: Sequence[float], bound: float = BOUND
+) -> tuple[dict[str, list], arb_mat]:
+    """Balls of the platform's accelerations under driving forces (N,) [N], of every reaction then, and their matrix.
+
+    The platform's equations are affine in its accelerations: at zero and at six units they give a linear system, which
+    is regular in parallel singularities.  Parameters and errors as `certified`; any N; accelerations are not read.
+
+    Returns
+    -------
+    dict
+        As `certified`, with ``a, alpha``, one vector each, in place of ``power``.
+    matrix
+        Of the accelerations that the platform has, `Scene.platform_equations`.
+    """
+    columns = COLUMNS[scene.freedom]
+    for bits in PRECISIONS:
+        with flint.ctx.workprec(bits):
+            given = [arb(f) for f in F]
+            try:
+                still = _left_over(scene, row, given, [0.0] * 6)
+                units = [_left_over(scene, row, given, [float(j == k) for j in range(6)]) for k in columns]
+                A = arb_mat([[unit[i] - still[i] for unit in units] for i in range(len(columns))])
+                found = [x[0] for x in A.solve(arb_mat([[-b] for b in still])).tolist()]
+            except ZeroDivisionError:
+                continue
+            largest = max(LEAST_FORCE, *(float(abs(x)) for x in found))
+            if all(x.is_finite() and float(x.rad()) <= bound * largest for x in found):
+                six = dict.fromkeys(range(6), arb(0)) | dict(zip(columns, found, strict=True))
+                sample = accelerated(scene, row, list(six.values()))
+                return {**sample.under(given), "a": [sample.C[2]], "alpha": [sample.alpha]}, A
+    raise NotCertified(f"reference: no accelerations within {bound:g} at {PRECISIONS[-1]} bits: no mass, or no leg")
+
+
+def accelerated(scene: Scene, row: Mapping[str, Sequence[float]], six: Sequence[Any]) -> Sample:
+    """The mechanism at a row with other accelerations ddC_p, dw_p, floats or balls."""
+    return Sample(scene, {**row, "acceleration": six[:3], "angular_acceleration": six[3:]})
+
+
+def _left_over(scene: Scene, row: Mapping[str, Sequence[float]], F: Sequence[arb], six: Sequence[Any]) -> list[arb]:
+    return accelerated(scene, row, six).left_over(F)
 
 
 def _to_float(x: arb) -> tuple[float, float]:
@@ -114,12 +158,18 @@ class ReferenceEngine:
         samples = chosen_samples(len(trajectory.t), trajectory.condition, trajectory.sin_q_n)
         names = ("position", "quaternion", "velocity", "angular_velocity", "acceleration", "angular_acceleration")
         rows = [getattr(trajectory, name)[samples].tolist() for name in names]
-        pairs: dict[str, list] = {}
+        found = []
         for sample, *row in zip(samples, *rows, strict=True):
             try:
-                out = certified(self.scene, dict(zip(names, row, strict=True)))
+                found.append(certified(self.scene, dict(zip(names, row, strict=True))))
             except NotCertified as e:
                 raise NotCertified(f"sample {sample}: {e}") from None
+        return replace(self.result(found), samples=samples, seconds=perf_counter() - start)
+
+    def result(self, found: Sequence[Mapping[str, list]]) -> DynamicsResult:
+        """What `certified` or `certified_forward` found, sample by sample, as float64 with radii."""
+        pairs: dict[str, list] = {}
+        for out in found:
             for name, values in out.items():
                 pairs.setdefault(name, []).append(
                     [[_to_float(x) for x in v] if isinstance(v, tuple) else _to_float(v) for v in values]
@@ -130,8 +180,8 @@ class ReferenceEngine:
             engine=self.name,
             version=engine_version(type(self)) or "",
             route=self.route,
-            setting=f"{FIRST_BITS} bits and more, radius {BOUND:g}",
-            samples=samples,
+            setting=f"{PRECISIONS[0]} bits and more, radius {BOUND:g}",
+            samples=np.arange(len(found)),
             F=value["F"],
             reactions=by_joint(self.scene, value),
             L=value["L"],
@@ -144,7 +194,7 @@ class ReferenceEngine:
                 "dL": radius["dL"],
                 "hull": wrench.from_parts(radius["M_hull"], radius["F_hull"])[:, 0],
             },
-            seconds=perf_counter() - start,
+            platform=np.hstack([value["a"][:, 0], value["alpha"][:, 0]]) if "a" in value else None,
         )
 
 

@@ -1,0 +1,1 @@
+"""Families of hard cases, one file each: `CASES`."""
