@@ -19,12 +19,13 @@ from .dynamics import (
     inverse_dynamics,
     inverse_kinematics,
 )
-from .forward import Accelerations, forward_dynamics
+from .forward import Accelerations, forward_dynamics, growth_of_rounding
 from .integrate import SimulationError
 from .loop import ControlLoop
 from .orientation import GimbalLock, cardan_from_quaternion, quaternion_from_cardan
+from .printed import inverse_dynamics_printed
 from .simulate import Simulation, State, energies, energy_defect, simulate
-from .stability import growth_rates
+from .stability import growth_rates, linearised
 from .stewart import Leg, Load, Parameters, PlanarParameters, PlatformMotion
 
 __all__ = [
@@ -54,9 +55,12 @@ __all__ = [
     "energies",
     "energy_defect",
     "forward_dynamics",
+    "growth_of_rounding",
     "growth_rates",
     "inverse_dynamics",
+    "inverse_dynamics_printed",
     "inverse_kinematics",
+    "linearised",
     "quaternion_from_cardan",
     "simulate",
     "simulate_constrained",

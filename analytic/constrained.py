@@ -13,10 +13,13 @@ import numpy as np
 
 from . import stewart
 from .forward import require_not_steep
-from .integrate import integrate
+from .integrate import SimulationError, integrate, require_followed
 from .orientation import quaternion_rate, rotation, turned
 from .simulate import Forces, Simulation, State, forces_at
 from .stewart import LegState, Parameters, PlatformMotion
+
+OPEN = 0.1
+"""Largest gap of a loop over its leg: beyond it the legs are not those of the mechanism any more."""
 
 MOST_PROJECTIONS = 8
 """Newton steps of a projection: two are enough for the gap of one integration step."""
@@ -101,11 +104,21 @@ def _joints(P: Parameters, motion: PlatformMotion) -> tuple[list[float], list[fl
     """Joint coordinates and rates (3N,) of a closed mechanism."""
     q, dq = [], []
     legs = stewart.held_legs(P, motion, math.sqrt)[1]
-    require_not_steep("paper", P, legs)
+    require_not_steep("paper", P, legs, in_time=True)
     for k in legs:
         q += [math.atan2(k.so, k.co), math.atan2(k.s, k.c), k.q_s]
         dq += [k.w / k.s, k.dq_n, k.dq_s]
     return q, dq
+
+
+def _require_closed(t: float, at: _Coordinates, gap: np.ndarray) -> None:
+    """Raise SimulationError if a loop is open by more than a share of its leg."""
+    open_by = np.linalg.norm(gap.reshape(-1, 3), axis=1)
+    share = open_by / np.array([abs(k.L) for k in at.legs])
+    if not share.max() <= OPEN:
+        i = int(np.argmax(~(share <= OPEN)))
+        limit = f"expected at most {OPEN:g} of the leg, which is {at.legs[i].L:.3g} m"
+        raise SimulationError(t, f"the loop of leg {i + 1} came open by {open_by[i]:.3g} m, {limit}")
 
 
 def simulate_constrained(
@@ -129,7 +142,7 @@ def simulate_constrained(
     Raises
     ------
     SimulationError
-        As `simulate`.
+        As `simulate`; a loop that came open, or a hinge that turns too far in a step dt.
     SingularPose
         A leg too steep at t[0]: its base angle is not determined.
     ValueError
@@ -139,15 +152,19 @@ def simulate_constrained(
         raise ValueError(f"gain: got {gain}, expected 0 or a positive rate in 1/s")
     N = len(P.p)
     n = 7 + 3 * N
+    hinges = [f"{name}{i + 1}" for i in range(N) for name in ("q_o", "q_n")]
 
     def derivative(now: float, y: np.ndarray) -> np.ndarray:
         at = _Coordinates(P, y)
-        require_not_steep("paper", P, at.legs)
+        require_not_steep("paper", P, at.legs, in_time=True)
+        gap, rate = at.gaps(P)
+        _require_closed(now, at, gap)
+        if dt is not None:
+            require_followed(now, np.array(at.dq).reshape(N, 3)[:, :2].ravel(), hinges, dt)
         forces = forces_at(P, F, now)
         rows, right = stewart.paper_equations(P, at.motion, at.legs, forces)
         b = np.array(right)
         if gain > 0.0:
-            gap, rate = at.gaps(P)
             b[6:] -= 2.0 * gain * rate + gain * gain * gap
         dv = np.linalg.solve(np.array(rows), b)
         power = sum(stewart.power(P, at.motion, at.legs, forces))

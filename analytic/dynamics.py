@@ -19,7 +19,8 @@ from .solve import LIMIT, Infeasible, SingularPose, longest_lever, solve_determi
 from .stewart import LegState, NotDeterminate, Parameters, PlanarParameters, PlatformMotion
 
 
-def _refuse_vertical(legs: Sequence[LegState], first_sample: int, reason: str) -> None:
+def require_not_vertical(legs: Sequence[LegState], first_sample: int, reason: str) -> None:
+    """Raise SingularPose for a leg whose sin q_n leaves no digits; ``reason``: why it matters."""
     s = np.array([k.s for k in legs])
     leg, sample = np.unravel_index(int(np.argmin(s)), s.shape)
     if not s[leg, sample] * LIMIT >= 1.0:
@@ -42,7 +43,7 @@ def inverse_kinematics(P: Mechanism, motion: PlatformMotion) -> LegCoordinates:
     found: list[np.ndarray] = []
     for block, m in blocks(motion):
         legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
-        _refuse_vertical(legs, block.start, "the leg is vertical and its base angle undefined")
+        require_not_vertical(legs, block.start, "the leg is vertical and its base angle undefined")
         rates = [stewart.hinge_rates(k) for k in legs]
         columns = [
             (np.arctan2(k.so, k.co), np.arctan2(k.s, k.c), k.q_s, h.dq_o, k.dq_n, k.dq_s, h.ddq_o, h.ddq_n, k.ddq_s)
@@ -87,7 +88,7 @@ def _careful(
         with np.errstate(all="ignore"):  # a vertical leg overflows; it is refused by name just below
             if isinstance(P, Parameters) and P.leg.spins:
                 legs = [stewart.leg_kinematics(P.leg, p, O, m, np.sqrt) for p, O in zip(P.p, P.O, strict=True)]
-                _refuse_vertical(legs, start, "a vertical leg with base or spin inertia")
+                require_not_vertical(legs, start, "a vertical leg with base or spin inertia")
             found, _ = answers(P, m, np.sqrt, solve, every=problem is INVERSE_DYNAMICS)
         for row, x in zip(problem.rows(P), found, strict=True):
             if not np.isfinite(x).all():

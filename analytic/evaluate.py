@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from . import stewart
 from .solve import LIMIT, Ordered, eliminate, eliminate_symmetric, longest_lever
-from .stewart import ZERO, Leg, Load, Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
+from .stewart import ZERO, FirstProblem, Leg, Load, Parameters, PlanarParameters, PlatformMotion, Scalar, Solve, Sqrt
 
 Mechanism = Parameters | PlanarParameters
 
@@ -120,8 +120,13 @@ def answers(
         vectors = [getattr(r, name) for name in ("F_r", "F_s", "F_n", "F_n") for r in R]  # no base: F_o = F_n
         return _flat(plane.F, vectors, [r.M_s for r in R], plane.legs), plane.legs
     space = stewart.first_problem(P, motion, sqrt, solve)
-    vectors = [v for parts in (space.forces, space.moments) for by_name in zip(*parts, strict=True) for v in by_name]
-    return _flat(space.F, vectors, [], space.legs), space.legs
+    return flat(space), space.legs
+
+
+def flat(found: FirstProblem) -> list[Scalar]:
+    """Results in the order of the rows of `InverseDynamics.numbers`."""
+    vectors = [v for parts in (found.forces, found.moments) for by_name in zip(*parts, strict=True) for v in by_name]
+    return _flat(found.F, vectors, [], found.legs)
 
 
 def _flat(F: Sequence[Scalar], vectors: Sequence[Any], more: Sequence[Scalar], legs: Sequence[Any]) -> list[Scalar]:

@@ -21,7 +21,8 @@ class SingularPose(ArithmeticError):
     """A pose whose driving forces cannot be computed: names sample and leg (from 1) and the number."""
 
     def __init__(self, sample: int, leg: int, name: str, value: float, limit: str) -> None:
-        super().__init__(f"sample {sample}, leg {leg}: {name} = {value:.3g}, {limit}")
+        shown = value if abs(value) > 1e-100 else 0.0  # the formulas keep off zero by less than any float64 input
+        super().__init__(f"sample {sample}, leg {leg}: {name} = {shown:.3g}, {limit}")
         self.sample, self.leg, self.name, self.value, self.limit = sample, leg, name, value, limit
 
 

@@ -652,6 +652,24 @@ def first_problem(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solv
     return FirstProblem(legs, F, forces, [joint_moments(P.leg, k, load) for k, load in zip(legs, loads, strict=True)])
 
 
+def first_problem_printed(P: Parameters, motion: PlatformMotion, sqrt: Sqrt, solve: Solve) -> FirstProblem:
+    """Inverse dynamics by the scalar equations as printed: (7)-(14), (20)-(22), (23)-(29). Parameters as above.
+
+    Raises
+    ------
+    ValueError
+        Gravity is not along -y_r.
+    """
+    legs = [leg_kinematics(P.leg, p, O, motion, sqrt) for p, O in zip(P.p, P.O, strict=True)]
+    rates = [hinge_rates(k) for k in legs]
+    loads = [leg_loads_scalar(P.leg, k, h, P.g) for k, h in zip(legs, rates, strict=True)]
+    X = solve(*platform_equations_printed(P, motion, legs, loads))
+    F = [X_i + load.F_is for X_i, load in zip(X, loads, strict=True)]
+    each = list(zip(legs, rates, loads, strict=True))
+    forces = [joint_forces_printed(P.leg, k, h, load, f, P.g) for (k, h, load), f in zip(each, F, strict=True)]
+    return FirstProblem(legs, F, forces, [joint_moments_printed(P.leg, k, h, load, P.g) for k, h, load in each])
+
+
 # --- Planar mechanisms without bases: examples 1 to 3, (32)-(36) ------------------------------------------------------
 #
 # Everything moves in x_r y_r, q_o = 0.  A vector has the components (x, y), a moment is along z_r.  Without bases

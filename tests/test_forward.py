@@ -21,8 +21,12 @@ from stewart_crosscheck.analytic.forward import FORMS, accelerations
 from stewart_crosscheck.analytic.orientation import quaternion_from_cardan, rotation
 from stewart_crosscheck.analytic.samples import BLOCK
 from stewart_crosscheck.analytic.solve import conditioned, longest_lever, solve_numbers
+from stewart_crosscheck.crosscheck.certainty import certain_forward
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, load_engine
+from stewart_crosscheck.crosscheck.engines.analytic_ import _motion
 from stewart_crosscheck.crosscheck.engines.reference_ import certified
+from stewart_crosscheck.crosscheck.hard import load_family
+from stewart_crosscheck.crosscheck.outcome import NEAR_SENSITIVITY, Place
 from stewart_crosscheck.crosscheck.trajectory import POSE, RATES, Trajectory, from_file, from_scene
 from stewart_crosscheck.models import Scene
 
@@ -452,3 +456,37 @@ def test_a_wrong_term_shows(
     monkeypatch.setattr(stewart, name, breaking(getattr(stewart, name)))
     for form in forms:
         assert error(forward_dynamics(parameters(scene), tr.motion, F, form), tr.motion) > 1e-4
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_fast_motion_is_no_steep_leg(form: str, hexapod: Scene, trajectory: Trajectory) -> None:
+    """A hundred million times faster, accelerations grow with the square of it: nothing is lost."""
+    m, k, F = trajectory.motion, 1e8, np.full((len(trajectory.t), 6), 50.0)
+    slow = forward_dynamics(parameters(hexapod), m._replace(dC_p=0 * m.dC_p, w_p=0 * m.w_p), F, form)
+    fast = forward_dynamics(parameters(hexapod), m._replace(dC_p=k * m.dC_p, w_p=k * m.w_p), F, form)
+    once = forward_dynamics(parameters(hexapod), m, F, form)
+    for name in ("ddC_p", "dw_p"):  # accelerations are affine in the square of the speed
+        of_speed = getattr(once, name) - getattr(slow, name)
+        np.testing.assert_allclose(getattr(fast, name) / k**2, of_speed, atol=1e-10 * np.abs(of_speed).max())
+
+
+@pytest.mark.parametrize("length", [2e-3, 1e-4, 1e-5])
+def test_a_short_leg_is_left_to_the_form_that_holds_it(length: float) -> None:
+    """It is stiff across as 1/L^2 where its force has been eliminated; the paper's equations keep it apart."""
+    case = next(c for c in load_family("motion") if c.name == "motion_short")
+    point = case.at(length)
+    truth = certain_forward(point)
+    place = Place.of(point, truth)
+    errors = {}
+    for form in (None, "compliance"):
+        a = forward_dynamics(parameters(point.scene), _motion(point.row), np.array([point.forces]), form)
+        off = np.linalg.norm(a.ddC_p[0] - place.exact("a")[0]) / place.size.of("a")
+        errors[form] = off / place.sensitivity("a")
+    assert errors[None] < NEAR_SENSITIVITY
+    assert (errors["compliance"] > NEAR_SENSITIVITY) == (length < 1e-3)
+
+
+def test_a_form_refuses_the_leg_that_is_too_short_for_it() -> None:
+    point = next(c for c in load_family("motion") if c.name == "motion_short").at(1e-7)
+    with pytest.raises(SingularPose, match=r"leg 1: length = .*in the form 'compliance' rounding grows by up to"):
+        forward_dynamics(parameters(point.scene), _motion(point.row), np.array([point.forces]), "compliance")
