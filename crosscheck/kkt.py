@@ -16,7 +16,8 @@ import numpy as np
 from ..models.scene import Joint, Scene
 from . import wrench
 from .engine import LOOPS, DynamicsResult, EngineError, ModelFacts, engine_version, require_finite
-from .loop_forces import Layout, forces
+from .layout import Layout
+from .loop_forces import forces
 from .trajectory import Trajectory
 
 BLOCK = 200
@@ -84,6 +85,8 @@ class KktEngine(ABC):
     checks: ClassVar[tuple[str, ...]] = (*LOOPS, "balance")
     inertia_floor: ClassVar[float] = 0.0
     """Smallest moment of inertia that the model's format has [kg m^2]: smaller ones are raised to it."""
+    turns_first: ClassVar[bool] = False
+    """Whether the angular velocities of a free joint stand before the linear ones."""
 
     scene: Scene
 
@@ -171,7 +174,8 @@ class KktEngine(ABC):
     @cached_property
     def layout(self) -> Layout:
         """Whose velocity is which."""
-        return Layout.of(self.scene, {name: self.velocity_index(name) for name in self.scene.coordinates})
+        index = {name: self.velocity_index(name) for name in self.scene.coordinates}
+        return Layout.of(self.scene, index, self.turns_first)
 
     @cached_property
     def tree_joints(self) -> list[Joint]:

@@ -3,17 +3,21 @@
 Its structure is that of the mechanism: each leg's own passive equations leave its loop force one component free, along
 a direction of the leg; the platform's equations give these.  Where a system has another structure, or lacks a rank, it
 is solved as it stands.
+
+LAPACK seldom raises where a matrix is singular: it returns forces of 1e18 N.  So both ways bound the condition of the
+platform's equations A in `row_units`, whose columns are at most sqrt 2 long: it is at most 2^(n/2 + 1)/|det A|
+(Guggenheimer, Edelman, Johnson 1995), and at most sqrt(2 n) |A^-1|_F.  Where that is above `LIMIT`, singular values
+decide.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
-
 import numpy as np
 
-from ..models.scene import Scene
+from ..analytic.solve import LIMIT
+from .digits import require_held, require_legs
 from .engine import EngineError, require_finite
+from .layout import Layout
 
 RANK = 1e-12
 """Singular values below this share of the largest count as zero: rounding of the matrix is 1e-16."""
@@ -29,40 +33,6 @@ FEW = 8
 """Samples up to which the whole system is faster: the elimination's many array operations cost by the call."""
 
 
-class Layout(NamedTuple):
-    """Where an engine keeps its velocities: leg by leg the ``passive`` (N, 2 or 1) and the ``actuated`` (N,) ones.
-
-    ``platform`` (p,): its own.
-    """
-
-    passive: np.ndarray
-    actuated: np.ndarray
-    platform: np.ndarray
-
-    @classmethod
-    def of(cls, scene: Scene, index: Mapping[str, int]) -> Layout:
-        """From the velocity index of every coordinate of the legs; what is left is the platform's."""
-        by_leg = [[j for j in scene.joints if j.leg == i and not j.cut] for i in scene.legs]
-        passive = [[index[c] for j in leg if not j.actuated for c in j.coordinates] for leg in by_leg]
-        actuated = [index[c] for leg in by_leg for j in leg if j.actuated for c in j.coordinates]
-        platform = sorted(set(range(scene.nv)) - set(index.values()))
-        return cls(np.array(passive), np.array(actuated), np.array(platform))
-
-    @property
-    def chains(self) -> np.ndarray:
-        """Velocities of each leg (N, 3 or 2), from the hull on."""
-        return np.sort(np.column_stack([self.passive, self.actuated]), axis=1)
-
-    def couples(self, J: np.ndarray) -> np.ndarray:
-        """Whether a loop moves with a coordinate of another leg: (nt,), of Jacobians (nt, nc, nv)."""
-        N = len(self.actuated)
-        own = np.zeros((N, J.shape[2]), dtype=bool)
-        own[:, self.platform] = True
-        own[np.arange(N), self.actuated] = True
-        own[np.arange(N)[:, None], self.passive] = True
-        return ((J != 0.0) & np.repeat(~own, J.shape[1] // N, axis=0)).any(axis=(1, 2))
-
-
 def forces(
     engine: str, tau: np.ndarray, J: np.ndarray, layout: Layout, undetermined: np.ndarray, weight: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -71,21 +41,19 @@ def forces(
     ``layout``: whose velocity is which.
     """
     if len(tau) <= FEW:
-        return solve(engine, tau, J, layout.actuated, undetermined, weight)
-    (_, nc, nv), na = J.shape, len(layout.actuated)
-    if nv != na + nc:
-        raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
-    require_finite(engine, tau=tau, J=J)
+        return solve(engine, tau, J, layout, undetermined, weight)
+    na = _count(engine, J, layout)
     x = eliminate(tau, J, layout)
     left = undetermined | layout.couples(J) | ~np.isfinite(x).all(axis=1)
     if left.any():
+        require_finite(engine, tau=tau, J=J)
         numbers = np.flatnonzero(left)
-        x[left] = np.hstack(solve(engine, tau[left], J[left], layout.actuated, undetermined[left], weight, numbers))
+        x[left] = np.hstack(solve(engine, tau[left], J[left], layout, undetermined[left], weight, numbers))
     return x[:, :na], x[:, na:]
 
 
 def eliminate(tau: np.ndarray, J: np.ndarray, layout: Layout) -> np.ndarray:
-    """Forces and multipliers (nt, na + nc) of loops that couple no legs; not finite where a rank is missing.
+    """Forces and multipliers (nt, na + nc) of loops that couple no legs; not finite where they may have no digits.
 
     With c_1, c_2 the columns of a leg's passive coordinates in its rows of J, the loop force is l + u n: n is a unit
     vector across both (in a plane, across the one), l holds the passive equations.  The platform's equations give u.
@@ -102,19 +70,24 @@ def eliminate(tau: np.ndarray, J: np.ndarray, layout: Layout) -> np.ndarray:
             size = (n * n).sum(axis=1)
             along_1, along_2 = (t[layout.passive[:, k]] / size for k in (0, 1))
             l = along_1[:, None] * _cross(c_2, n) + along_2[:, None] * _cross(n, c_1)
+            L_2 = (c_2 * c_2).sum(axis=1)
+            lost = LIMIT**2 * size < L_2**2  # sin q_n = |c_1 x c_2|/L^2
         else:
             n = np.stack([-c_1[:, 1], c_1[:, 0]], axis=1)
             size = (n * n).sum(axis=1)
             l = (t[layout.passive[:, 0]] / size)[:, None] * c_1
+            L_2, lost = size, np.zeros_like(size, dtype=bool)
         n /= np.sqrt(size)[:, None]
         on_platform = rows[:, :, layout.platform]
-        A = (on_platform * n[:, :, None]).sum(axis=1).T
-        b = (t[layout.platform] - (on_platform * l[:, :, None]).sum(axis=1).sum(axis=0)).T
-        scale = np.linalg.norm(A, axis=2, keepdims=True)  # rows of moments and of forces
+        A = np.einsum("lapt,lat->tpl", on_platform, n) / layout.units[:, None]
+        b = (t[layout.platform].T - np.einsum("lapt,lat->tp", on_platform, l)) / layout.units
+        lost = (lost | (LIMIT**2 * L_2 < layout.lever**2)).any(axis=0)
+        lost |= ~(LIMIT * np.abs(np.linalg.det(A)) >= 2.0 ** (0.5 * N + 1.0))
         try:
-            u = np.linalg.solve(A / scale, b[..., None] / scale)[..., 0].T
+            u = np.linalg.solve(A, b[..., None])[..., 0].T
         except np.linalg.LinAlgError:
             u = np.full((N, nt), np.nan)
+        u[:, lost] = np.nan
         l += u[:, None] * n
         F = t[layout.actuated] - (rows[leg, :, layout.actuated] * l).sum(axis=1)
     return np.concatenate([F, l.reshape(nc, nt)]).T
@@ -125,11 +98,19 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack([a[:, i] * b[:, j] - a[:, j] * b[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
 
 
+def _count(engine: str, J: np.ndarray, layout: Layout) -> int:
+    """Number of driving forces. Raises EngineError unless they and the loop forces are as many as the velocities."""
+    (_, nc, nv), na = J.shape, len(layout.actuated)
+    if nv != na + nc:
+        raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
+    return na
+
+
 def solve(
     engine: str,
     tau: np.ndarray,
     J: np.ndarray,
-    actuated: Sequence[int] | np.ndarray,
+    layout: Layout,
     undetermined: np.ndarray,
     weight: float = 0.0,
     numbers: np.ndarray | None = None,
@@ -141,7 +122,7 @@ def solve(
     engine : name, for errors.
     tau, J : ndarray, shapes (nt, nv), (nt, nc, nv)
         As in `Terms`.
-    actuated : velocity index of each actuated joint.
+    layout : whose velocity is which.
     undetermined : ndarray of bool, shape (nt,)
         Samples whose matrix is expected to lack one rank: F is the shortest that the equations allow.
     weight : of all bodies [N], which may cancel in tau.
@@ -155,37 +136,53 @@ def solve(
     Raises
     ------
     EngineError
-        nv is not na + nc, a term is not finite, the matrix is singular, or not as singular as expected, or no forces
-        give the motion.
+        nv is not na + nc, a term is not finite, a leg is too steep, the platform's equations or the whole matrix are
+        singular, or not as singular as expected, or no forces give the motion.
     """
-    nt, nc, nv = J.shape
-    na = len(actuated)
-    if nv != na + nc:
-        raise EngineError(f"{engine}: the model has nv = {nv}, expected na + nc = {na} + {nc}")
-    require_finite(engine, tau=tau, J=J)
-    K = np.zeros((nt, nv, nv))
-    K[:, actuated, np.arange(na)] = 1.0
-    K[:, :, na:] = J.transpose(0, 2, 1)
-    length = np.linalg.norm(K, axis=2, keepdims=True)  # rows of hinges are moments, rows of slides are forces
-    length[length == 0.0] = 1.0
-    K, b = K / length, tau / length[..., 0]
-    x, named = np.empty_like(b), np.arange(nt) if numbers is None else numbers
-    try:
-        x[~undetermined] = np.linalg.solve(K[~undetermined], b[~undetermined, :, None])[..., 0]
-    except np.linalg.LinAlgError:
-        sign, _ = np.linalg.slogdet(K[~undetermined])  # the same factors: a pivot is zero
-        sample = named[~undetermined][np.argmax(sign == 0.0)]
-        raise EngineError(
-            f"{engine}: sample {sample}: the {nv} x {nv} matrix of actuators and loops is singular"
-        ) from None
-    for k in np.flatnonzero(undetermined):
-        x[k] = _shortest(engine, int(named[k]), K[k], b[k], na, weight)
-    require_finite(engine, forces=x)
+    na, named = _count(engine, J, layout), np.arange(len(J)) if numbers is None else numbers
+    if undetermined.any():
+        require_finite(engine, tau=tau, J=J)
+        x, easy = np.empty_like(tau), ~undetermined
+        if easy.any():
+            x[easy] = np.hstack(solve(engine, tau[easy], J[easy], layout, undetermined[easy], weight, named[easy]))
+        for k in np.flatnonzero(undetermined):
+            x[k] = _shortest(engine, int(named[k]), *_whole(tau[k], J[k], layout)[:2], na, weight)
+        return x[:, :na], x[:, na:]
+    with np.errstate(over="ignore", invalid="ignore"):
+        K, right, length = _whole(tau, J, layout)
+        if not length.min() * LIMIT >= length.max():  # cheaper than to look at each leg
+            require_finite(engine, tau=tau, J=J)
+            require_legs(engine, length, layout, named)
+        try:
+            found = np.linalg.solve(K, right)
+        except np.linalg.LinAlgError:
+            found = np.full_like(right, np.nan)
+        inverse = found[:, :na, 1:]
+        lost = ~(2.0 * na * np.einsum("tij,tij->t", inverse, inverse) <= LIMIT**2)
+    if lost.any():
+        require_finite(engine, tau=tau, J=J)
+        require_held(engine, J[lost], layout, named[lost])
+    x = found[..., 0]
+    if not np.isfinite(x.sum()):
+        require_finite(engine, tau=tau, J=J, forces=x)
     return x[:, :na], x[:, na:]
 
 
-def _shortest(engine: str, sample: int, K: np.ndarray, b: np.ndarray, na: int, weight: float) -> np.ndarray:
+def _whole(tau: np.ndarray, J: np.ndarray, layout: Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """[S J^T] (..., nv, nv), tau and unit wrenches (..., nv, 1 + p), both with rows over their lengths (..., nv)."""
+    *many, nc, nv = J.shape
+    driven, pushed = layout.pushes
+    K, right = np.empty((*many, nv, nv)), np.empty((*many, nv, 1 + pushed.shape[1]))
+    K[..., : nv - nc], K[..., nv - nc :] = driven, np.moveaxis(J, -1, -2)
+    right[..., 0], right[..., 1:] = tau, pushed
+    length = np.sqrt(np.einsum("...ij,...ij->...i", K, K))  # rows of hinges are moments, rows of slides are forces
+    unit = np.where(length == 0.0, 1.0, length)[..., None]
+    return K / unit, right / unit, length
+
+
+def _shortest(engine: str, sample: int, K: np.ndarray, right: np.ndarray, na: int, weight: float) -> np.ndarray:
     """Solution of a system of one rank too few with the shortest F. Raises EngineError."""
+    b = right[:, 0]
     U, sigma, Vh = np.linalg.svd(K)
     rank = int((sigma > RANK * sigma[0]).sum())
     if rank != len(b) - 1:

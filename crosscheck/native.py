@@ -14,8 +14,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..analytic.solve import LIMIT
+from .digits import require_hinges, require_legs
 from .engine import DynamicsResult, EngineError, Law, engine_version, require_finite
 from .kkt import KktEngine, State, Terms, in_blocks
+from .layout import Layout
 from .trajectory import Trajectory
 
 CLOSED = 1e-9
@@ -88,8 +91,8 @@ class SolverEngine(KktEngine):
         """Solve every sample under driving forces (nt, na); `terms` are those of zero accelerations, as in `hard`."""
 
     @abstractmethod
-    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
-        """Accelerations (nt, nv) under driving forces (nt, na) by the engine's own solver, as its knobs are set."""
+    def own_solution(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations (nt, nv) by the engine's own solver alone; `solved` looks at both ends of it."""
 
     @abstractmethod
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
@@ -99,9 +102,20 @@ class SolverEngine(KktEngine):
     def free(self, state: State) -> Free:
         """Assemble the hard system of every sample; accelerations are not read."""
 
+    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+        """Accelerations (nt, nv) under driving forces (nt, na) by the engine's own solver, as its knobs are set.
+
+        Raises EngineError, also for an answer that is not finite.
+        """
+        a = self.own_solution(state, F)
+        require_finite(self.name, a=a)
+        return a
+
     def accelerate(self, state: State, F: np.ndarray) -> np.ndarray:
         """Accelerations (nt, nv) under driving forces (nt, na): hard loops. Raises EngineError where it has none."""
-        return in_blocks(lambda state, F: self._responded(self.free(state), F), state, F)[0]
+        a = in_blocks(lambda state, F: self._responded(self.free(state), F), state, F)[0]
+        require_finite(self.name, a=a)
+        return a
 
     def hard(self, state: State, F: np.ndarray) -> Hard:
         """Solution of the hard system under driving forces (nt, na). Raises EngineError where it has none."""
@@ -111,9 +125,14 @@ class SolverEngine(KktEngine):
 
     def _responded(self, free: Free, F: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Accelerations, multipliers and mobility."""
+        self._require_turning(free)
         force = -free.h
         force[:, self.layout.actuated] += F
-        inverse = np.linalg.solve(free.M, np.concatenate([free.J.transpose(0, 2, 1), force[..., None]], axis=2))
+        try:
+            inverse = np.linalg.solve(free.M, np.concatenate([free.J.transpose(0, 2, 1), force[..., None]], axis=2))
+        except np.linalg.LinAlgError:
+            sample = int(np.argmax(np.linalg.slogdet(free.M)[0] == 0.0))
+            raise EngineError(f"{self.name}: sample {sample}: the mass matrix is singular") from None
         A = free.J @ inverse[..., :-1]
         singular = np.flatnonzero(~(nearly_singular(A) < 1.0 / np.finfo(float).eps))
         if len(singular):
@@ -124,6 +143,16 @@ class SolverEngine(KktEngine):
         own = inverse[..., -1:]
         multipliers = np.linalg.solve(A, -free.drift[..., None] - free.J @ own)
         return (own + inverse[..., :-1] @ multipliers)[..., 0], multipliers[..., 0], A
+
+    def _require_turning(self, free: Free) -> None:
+        """Raise EngineError where a leg is so short or steep that what turns it about its base's axis is rounding."""
+        squares, inertia = np.einsum("tij,tij->tj", free.J, free.J), np.einsum("tii->ti", free.M)
+        if not squares.min() * LIMIT**2 >= squares.max():  # cheaper than to look at each leg
+            require_finite(self.name, J=free.J)
+            require_legs(self.name, np.sqrt(squares), self.layout)
+        if not inertia.min() * LIMIT >= inertia.max():
+            require_finite(self.name, M=free.M)
+            require_hinges(self.name, "inertia about o over that about n", inertia, self.layout)
 
     def forward_dynamics(self, trajectory: Trajectory, F: np.ndarray) -> DynamicsResult:
         """Accelerations and joint reactions under driving forces (nt, N), and their law. Raises EngineError."""
@@ -166,6 +195,21 @@ class SolverEngine(KktEngine):
         )
 
 
+def growth_of_rounding(free: Free, v: np.ndarray, layout: Layout) -> np.ndarray:
+    """What rounding of the mass matrices is multiplied by in accelerations, leg by leg (nt, N), at least 1.
+
+    Inertia about the base's axis o is left over from turning that about n, and so is what q_o'^2 is multiplied by; the
+    tip moves with o by sin q_n of what it moves with n. Measured against accelerations of 1 rad/s^2. A planar leg has
+    no base.
+    """
+    if layout.passive.shape[1] < 2:
+        return np.ones((len(v), len(layout.passive)))
+    o, n = np.einsum("tii->ti", free.M)[:, layout.passive].transpose(2, 0, 1)
+    by_o, by_n = np.einsum("tij,tij->tj", free.J, free.J)[:, layout.passive].transpose(2, 0, 1)
+    with np.errstate(all="ignore"):
+        return np.maximum(1.0, (1.0 + np.sqrt(by_o / by_n) * v[:, layout.passive[:, 0]] ** 2) * n / o)
+
+
 def in_plane(a: np.ndarray) -> np.ndarray:
     """Acceleration and angular acceleration (nt, 6) of a platform with coordinates x, y and, unless a point, a turn."""
     out = np.zeros((len(a), 6))
@@ -176,17 +220,21 @@ def in_plane(a: np.ndarray) -> np.ndarray:
 def require_closed(engine: str, terms: Terms, v: np.ndarray) -> None:
     """Raise EngineError unless every loop is closed, and stays so at these velocities."""
     gap = np.linalg.norm(terms.gap, axis=2)
-    rate = np.abs(np.einsum("tij,tj->ti", terms.J, v))
+    rate = np.abs(np.einsum("tij,tj->ti", terms.J, v)).reshape(*gap.shape, -1).max(axis=2)
     speeds = np.einsum("tij,tj->ti", np.abs(terms.J), np.abs(v)).max(axis=1, keepdims=True)
     for what, open_by, allowed in (("m", gap, CLOSED * terms.L), ("m/s", rate, CLOSED * speeds)):
-        wrong = np.argwhere(open_by > allowed)
-        if len(wrong):
-            sample, column = wrong[0].tolist()
-            leg = 1 + column * gap.shape[1] // open_by.shape[1]
-            raise EngineError(
-                f"{engine}: sample {sample}: the loop of leg {leg} is open by {open_by[sample, column]:.3g} {what} in"
-                " the engine's model, expected a closed one"
-            )
+        require_shut(engine, open_by, allowed, what)
+
+
+def require_shut(engine: str, open_by: np.ndarray, allowed: np.ndarray, unit: str) -> None:
+    """Raise EngineError that names sample and leg if a loop is open (nt, N) by more than allowed, or by a NaN."""
+    wrong = np.argwhere(~(open_by <= allowed))
+    if len(wrong):
+        sample, leg = wrong[0].tolist()
+        raise EngineError(
+            f"{engine}: sample {sample}: the loop of leg {leg + 1} is open by {open_by[sample, leg]:.3g} {unit} in the"
+            " engine's model, expected a closed one"
+        )
 
 
 def mobility(M: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -204,15 +252,16 @@ def condition(A: np.ndarray) -> np.ndarray:
 
 
 def nearly_singular(A: np.ndarray) -> np.ndarray:
-    """`condition` (nt,) where the pivots of Cholesky's factors let it be large, 1 elsewhere."""
+    """Condition (nt,) where the pivots of Cholesky's factors let it be large, infinite without any, 1 elsewhere."""
     out = np.ones(len(A))
     try:
         pivots = np.einsum("tii->ti", np.linalg.cholesky(A)) ** 2
         suspect = ~(np.einsum("tii->ti", A).max(axis=1) < SUSPECT * pivots.min(axis=1))
     except np.linalg.LinAlgError:
         suspect = np.ones(len(A), dtype=bool)
-    if suspect.any():
-        out[suspect] = condition(A[suspect])
+    for k in np.flatnonzero(suspect):
+        least, *_, largest = np.linalg.eigvalsh(A[k]) if np.isfinite(A[k]).all() else (0.0, 0.0)
+        out[k] = largest / least if least > 0.0 else np.inf
     return out
 
 

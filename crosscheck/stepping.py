@@ -15,11 +15,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..analytic.integrate import SimulationError, integrate
+from ..analytic.integrate import SimulationError, integrate, require_followed
 from ..models.scene import Scene
 from .engine import EngineError, require_finite
 from .kkt import State
-from .native import SolverEngine
+from .native import SolverEngine, require_closed
 from .problem import Problem, Staged
 from .quaternions import times
 from .trajectory import Trajectory
@@ -165,10 +165,17 @@ class SteppingEngine(SolverEngine):
         """States at the grid's times by the classical method in all coordinates, the quaternion in R^4."""
         coordinates = Coordinates(self.scene)
         legs = [self.velocity_index(c) for c in self.scene.coordinates]
+        hinges = {c for joint in self.scene.joints if joint.type != "prismatic" for c in joint.coordinates}
+        turning = [k for k, c in enumerate(self.scene.coordinates) if c in hinges]
+        names, first = [self.scene.coordinates[k] for k in turning], coordinates.n + 7
 
         def derivative(t: float, y: np.ndarray) -> np.ndarray:
+            require_followed(t, y[first:][turning], names, problem.spacing / steps)
             motion = coordinates.unpack(np.array([t]), y[None])
-            a = accelerate(self.state(motion), F(t)[None])
+            try:
+                a = accelerate(self.state(motion), F(t)[None])
+            except EngineError as e:
+                raise EngineError(f"{e} (a stage at t = {t:.6g} s)") from None
             return coordinates.rate(y, a[0, legs], self.platform_acceleration(motion, a)[0])
 
         try:
@@ -182,7 +189,9 @@ class SteppingEngine(SolverEngine):
         assert method.steps is not None
         from scipy.interpolate import make_interp_spline  # half a second, which `run` need not wait for
 
-        F = Staged(problem, method.steps)
+        F, at_start = Staged(problem, method.steps), self.state(problem.start)
+        require_finite(self.name, q=at_start.q, v=at_start.v)
+        require_closed(self.name, self.terms(at_start._replace(a=np.zeros_like(at_start.v))), at_start.v)
         start = perf_counter()
         if method.route == self.route:
             state = self.runge_kutta(problem, F, method.steps, self.accelerate)

@@ -9,7 +9,7 @@ import pytest
 from machines import random_planar, random_scene
 from test_engines import hard_scene
 
-from stewart_crosscheck.crosscheck import loop_forces
+from stewart_crosscheck.crosscheck import digits, loop_forces
 from stewart_crosscheck.crosscheck.engine import load_engine
 from stewart_crosscheck.crosscheck.kkt import Assembly
 from stewart_crosscheck.crosscheck.loop_forces import eliminate, forces, solve
@@ -28,7 +28,7 @@ def difference(engine: Any, assembly: Assembly) -> float:
     """Of forces and multipliers of both ways, over the largest of them."""
     tau, J = assembly.tau, assembly.J
     x = eliminate(tau, J, engine.layout)
-    y = np.hstack(solve("x", tau, J, engine.layout.actuated.tolist(), np.zeros(len(tau), dtype=bool)))
+    y = np.hstack(solve("x", tau, J, engine.layout, np.zeros(len(tau), dtype=bool)))
     return float(np.abs(x - y).max() / np.abs(y).max())
 
 
@@ -56,7 +56,7 @@ def test_hard_poses_are_no_worse_than_by_the_whole_system(
     truth = load_engine("reference")(scene).inverse_dynamics(trajectory).F
     engine, (tau, J, *_) = assembled(engine_name, scene, trajectory)
     rounding = 1e-16 * trajectory.condition[0] * np.abs(truth).max()
-    whole = np.abs(solve("x", tau, J, engine.layout.actuated.tolist(), np.zeros(1, dtype=bool))[0] - truth).max()
+    whole = np.abs(solve("x", tau, J, engine.layout, np.zeros(1, dtype=bool))[0] - truth).max()
     own = np.abs(eliminate(tau, J, engine.layout)[:, : scene.na] - truth).max()
     assert own < max(2.0 * whole, rounding)
 
@@ -89,5 +89,40 @@ def test_what_it_cannot_do_goes_to_the_whole_system(hexapod: Scene, monkeypatch:
 def test_a_leg_without_a_direction_across_its_hinges_is_refused(samples: int, hexapod: Scene) -> None:
     engine, (tau, J, *_) = assembled("pinocchio", hexapod, from_scene(hexapod, samples))
     J[2][:, engine.layout.passive[0, 0]] = 0.0
-    with pytest.raises(loop_forces.EngineError, match=r"^x: sample 2: the 24 x 24 matrix .* is singular$"):
+    with pytest.raises(loop_forces.EngineError, match=r"^x: sample 2, leg 1: sin q_n = 0, expected at least 1e-12"):
         forces("x", tau, J, engine.layout, np.zeros(samples, dtype=bool), 0.0)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "planar3", "pointmass2"])
+def test_the_cheap_bounds_miss_no_singularity(engine_name: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the limit is: elimination leaves every sample above it, and the whole system looks closer there."""
+    scene = load_scene(name)
+    motion = from_scene(scene, 201)
+    engine, (tau, J, *_) = assembled(engine_name, scene, motion)
+    condition = motion.condition
+    looked: list[np.ndarray] = []
+    monkeypatch.setattr(loop_forces, "require_held", lambda e, J, layout, named: looked.append(named))
+    for limit in np.quantile(condition, [0.0, 0.1, 0.5, 0.9]):
+        monkeypatch.setattr(loop_forces, "LIMIT", limit)
+        with np.errstate(all="ignore"):
+            monkeypatch.setattr(loop_forces, "require_legs", lambda *_: None)
+            left = ~np.isfinite(eliminate(tau, J, engine.layout)).all(axis=1)
+            looked.clear()
+            solve("x", tau, J, engine.layout, np.zeros(len(tau), dtype=bool))
+        above = set(np.flatnonzero(condition > limit * (1 + 1e-9)).tolist())
+        assert above <= set(np.flatnonzero(left).tolist())
+        assert above <= {int(k) for named in looked for k in named}
+    monkeypatch.undo()
+    assert np.isfinite(eliminate(tau, J, engine.layout)).all()
+
+
+def test_the_condition_is_that_of_the_pose(engine_name: str, hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the engine's own Jacobians, whatever its axes: the number that trajectories are refused by."""
+    motion = from_scene(hexapod, 5)
+    engine, (_, J, *_) = assembled(engine_name, hexapod, motion)
+    monkeypatch.setattr(digits, "LIMIT", 1.0)
+    for k in range(5):
+        with pytest.raises(loop_forces.EngineError, match=r"condition of the platform's equations = ") as error:
+            digits.require_held("x", J[k : k + 1], engine.layout, np.array([k]))
+        found = float(str(error.value).split(" = ")[1].split(",")[0])
+        assert found == pytest.approx(motion.condition[k], rel=5e-3)  # three digits are printed

@@ -11,7 +11,7 @@ import numpy as np
 from ...models import write_models
 from ...models.scene import Scene
 from .. import wrench
-from ..engine import EngineError, Law, ModelFacts
+from ..engine import EngineError, Law, ModelFacts, require_finite
 from ..kkt import Assembly, Loops, State, Terms, tree_facts
 from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
@@ -19,7 +19,8 @@ from ..stepping import Seen, SteppingEngine
 from ..time_step import defects
 from ..trajectory import Trajectory
 from .dart_chains import column_count, leg_axes, loop_rows
-from .dart_world import closed
+from .dart_rotation import outside_series
+from .dart_world import accelerations, closed, last_steps
 
 TIME_STEP = 1e-6
 """Of World.step, s: the error is proportional to it, and rounding of velocities, divided by it, is a hundredth yet."""
@@ -42,6 +43,7 @@ class DartEngine(SteppingEngine):
     handles: ClassVar[tuple[str, ...]] = ("dart", "skeleton", "loops", "ends", "platform", "leg_bodies")
     objects: ClassVar[str | None] = "dartpy"
     setting: ClassVar[str] = "computeInverseDynamics"
+    turns_first: ClassVar[bool] = True
     law: ClassVar[Law] = Law(
         "time_step",
         "World.step keeps J v = 0 at the pose before the step, so that two steps in a row give the acceleration of a"
@@ -70,7 +72,7 @@ class DartEngine(SteppingEngine):
             for loop in closures["loops"]
         ]
         self.ends = [loop[end] for end in (0, 1) for loop in self.loops]
-        self.platform = self._body("platform")
+        self.platform, self.pins = self._body("platform"), np.array([pin for _, (_, pin) in self.loops])
         self.leg_bodies = [self.skeleton.getBodyNode(j.child) for j in self.tree_joints]
         self.time_step, self.reduction = TIME_STEP, REDUCTION
 
@@ -109,6 +111,7 @@ class DartEngine(SteppingEngine):
             T.set_rotation(R)
             T.set_translation(p)
             q[k, j : j + 6] = self.dart.dynamics.FreeJoint.convertToPositions(T)
+        q[:, j : j + 3] = outside_series(q[:, j : j + 3])
         v[:, j : j + 6] = np.hstack([trajectory.angular_velocity, trajectory.velocity])
         a[:, j : j + 6] = np.hstack([trajectory.angular_acceleration, trajectory.acceleration])
         return State(q, v, a)
@@ -169,54 +172,45 @@ class DartEngine(SteppingEngine):
         return f"World.step, BallJointConstraint, second of two steps, dt {self.time_step:g} s, ERP 0, CFM {MIXING:g}"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """`solved`, and the loop forces that its second step leaves behind."""
+        """`own_solution`, and the loop forces that its second step leaves behind."""
         sk, scene, dt = self.skeleton, self.scene, self.time_step
         rods, axes = [ends[0] for ends in self.loops], list(scene.loop_axes)
         of_tree = np.array([sk.getDof(d).getTreeIndex() for d in range(sk.getNumDofs())])
         a, loop_forces = np.empty_like(state.v), np.zeros((len(F), scene.N, 3))
-        for k, step in enumerate(self._last_steps(state, F)):
-            R = [rod.getWorldTransform().rotation() for rod, _ in rods]
-            step(True)
-            a[k] = sk.getAccelerations()
-            for i, (rod, tip) in enumerate(rods):
-                # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
-                tree = rod.getTreeIndex()
-                J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
-                force_W = np.zeros(3)
-                force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
-                loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
-        # Velocities are rounded before they are divided by the time step.
+        with closed(self, state, dt, 0.0, MIXING) as world:
+            for k in last_steps(self, world, state, self._driving(F)):
+                R = [rod.getWorldTransform().rotation() for rod, _ in rods]
+                world.step(True)
+                a[k] = accelerations(self, k)
+                for i, (rod, tip) in enumerate(rods):
+                    # DART gives J^T lambda alone, leg by leg, and as it stands at the new pose, turned with the rod.
+                    tree = rod.getTreeIndex()
+                    J = sk.getLinearJacobian(rod, tip)[axes][:, of_tree == tree]
+                    force_W = np.zeros(3)
+                    force_W[axes] = np.linalg.solve(J.T, sk.getConstraintForces(tree))
+                    loop_forces[k, i] = R[i] @ rod.getWorldTransform().rotation().T @ force_W
+        # Velocities are rounded before they are divided by the time step; accelerations may be far below them.
+        slow_down = max(1.0, float(np.abs(state.v).max() / max(np.abs(hard.a).max(), np.finfo(float).tiny)))
         left = defects(self, state, terms, hard, dt, MIXING)
         hinges = [self.velocity_index(c) for c in scene.coordinates if not c.startswith("s")]
         slow = np.abs(state.v[:, hinges]).max(axis=1) * dt < TURN
-        return Answer(a, loop_forces, *left, condition=1.0 / dt, valid=slow)
+        return Answer(a, loop_forces, *left, condition=slow_down / dt, valid=slow)
 
-    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+    def own_solution(self, state: State, F: np.ndarray) -> np.ndarray:
         """Accelerations of the second of two ``World.step``."""
         a = np.empty_like(state.v)
-        for answer, step in zip(a, self._last_steps(state, F), strict=True):
-            step(True)
-            answer[:] = self.skeleton.getAccelerations()
+        with closed(self, state, self.time_step, 0.0, MIXING) as world:
+            for k in last_steps(self, world, state, self._driving(F)):
+                world.step(True)
+                a[k] = accelerations(self, k)
         return a
 
-    def _last_steps(self, state: State, F: np.ndarray) -> Iterator[Any]:
-        """After the first of two ``World.step`` from the pose one step earlier: makes the velocity consistent there.
+    def _driving(self, F: np.ndarray) -> np.ndarray:
+        """Generalized forces (nt, nv) of driving forces: DART takes accelerations of zero for what is not finite."""
+        require_finite(self.name, F=F)
+        return F @ self.layout.pushes[0].T
 
-        A step keeps J v = 0 at the pose before it, so a single one from a moving state misses dJ v altogether.
-        """
-        sk, dt = self.skeleton, self.time_step
-        tau = np.zeros_like(state.v)
-        tau[:, self.layout.actuated] = F
-        with closed(self, state, dt, 0.0, MIXING) as world:
-            for k in range(len(F)):
-                self.set(state, k)
-                sk.integratePositions(-dt)
-                self._push(tau[k])
-                world.step(True)
-                self._push(tau[k])
-                yield world.step
-
-    def _push(self, tau: np.ndarray) -> None:
+    def push(self, tau: np.ndarray) -> None:
         """Forces and load of the next step, which clears them."""
         self.skeleton.setForces(tau)
         self._push_load()
@@ -255,8 +249,9 @@ class DartEngine(SteppingEngine):
                 q[k], v[k] = sk.getPositions(), sk.getVelocities()
                 for step in range(steps if k < n - 1 else 0):
                     tau[actuated] = F.values[2 * (k * steps + step) + 1]
-                    self._push(tau)
+                    self.push(tau)
                     world.step(True)
+                accelerations(self, k)
         return State(q, v, np.zeros_like(v))
 
     def moved(self, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
@@ -280,7 +275,11 @@ class DartEngine(SteppingEngine):
         return self.in_world(a)
 
     def _each(self, state: State) -> Iterator[int]:
-        """Number of every sample, after its state is set; DART only prints when it refuses one: it is read back."""
+        """Number of every sample, after its state is set; DART only prints when it refuses one: it is read back.
+
+        Of an angle or a length that is not finite DART makes the identity.
+        """
+        require_finite(self.name, q=state.q)
         sk, held = self.skeleton, State(*(np.empty_like(x) for x in state))
         for k in range(len(state.q)):
             self.set(state, k)

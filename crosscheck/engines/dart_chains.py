@@ -6,7 +6,7 @@ import numpy as np
 
 from ...models.scene import Scene
 from .. import wrench
-from ..loop_forces import Layout
+from ..layout import Layout
 
 
 def column_count(scene: Scene) -> int:
@@ -21,7 +21,7 @@ def loop_rows(scene: Scene, layout: Layout, columns: np.ndarray) -> np.ndarray:
     rows = np.zeros((nt, scene.N, 3, scene.nv))
     for i, chain in enumerate(layout.chains):
         rows[:, i][..., chain] = of_rods[:, :, i]
-    rows[..., layout.platform] = -columns[..., legs:].reshape(nt, 3, scene.N, -1).transpose(0, 2, 1, 3)
+    rows[..., np.sort(layout.platform)] = -columns[..., legs:].reshape(nt, 3, scene.N, -1).transpose(0, 2, 1, 3)
     return rows[:, :, : len(scene.loop_axes)].reshape(nt, scene.nc, scene.nv)
 
 

@@ -22,7 +22,7 @@ from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
-from .mujoco_steps import own_steps
+from .mujoco_steps import forward, only, own_steps, require_connected, require_motors
 
 IMPEDANCE = 0.9999
 """Both ends of solimp: the hardest loops that MuJoCo does not clamp (mjMAXIMP)."""
@@ -55,7 +55,11 @@ class MujocoEngine(SteppingEngine):
 
         self.mj: Any = mujoco
         self.scene = scene
-        self.model = mujoco.MjModel.from_xml_string((models or write_models(scene))[f"{scene.name}.xml"])
+        try:
+            self.model = mujoco.MjModel.from_xml_string((models or write_models(scene))[f"{scene.name}.xml"])
+        except ValueError as e:
+            raise EngineError(f"{self.name}: the MJCF is refused: {e}") from None
+        self.model.body_sameframe[:] = self.model.site_sameframe[:] = 0  # else offsets below 1e-6 m count as zero
         self.data = mujoco.MjData(self.model)
         self.require_nv(self.model.nv)
         self.tips, self.pins = ([self.model.site(f"{kind}{i}").id for i in scene.legs] for kind in ("tip", "pin"))
@@ -65,6 +69,8 @@ class MujocoEngine(SteppingEngine):
         self.soft_data = mujoco.MjData(self.soft_model)
         self.impedance, self.tolerance = IMPEDANCE, TOLERANCE
         self.integrator, self.time_constant = INTEGRATOR, TIME_CONSTANT
+        require_connected(self)
+        require_motors(self)
 
     def facts(self) -> ModelFacts:
         """MuJoCo wants inertia about every axis, and closes a loop by three rows in a plane too."""
@@ -115,7 +121,6 @@ class MujocoEngine(SteppingEngine):
                 rne_post(m, d)
                 for copy_, x in zip(copies, seen, strict=True):
                     copy_[k] = x
-        self.require_quiet(d)
         J = J.reshape(n, scene.N, 3, m.nv)[:, :, : len(scene.loop_axes)].reshape(n, scene.nc, m.nv)
         if not with_tree:
             return Assembly(tau, J)
@@ -170,7 +175,6 @@ class MujocoEngine(SteppingEngine):
             mj.mj_referenceConstraint(m, d)
             J[k], aref[k], pos[k], vel[k] = d.efc_J, d.efc_aref, d.efc_pos, d.efc_vel
             kbip[k] = d.efc_KBIP.ravel()
-        self.require_quiet(d)
         stiffness, damping, impedance, _ = np.moveaxis(kbip.reshape(n, nc, 4), 2, 0)
         drift = -(aref + damping * vel + stiffness * impedance * pos)
         rows = [3 * i + axis for i in range(scene.N) for axis in scene.loop_axes]
@@ -182,49 +186,28 @@ class MujocoEngine(SteppingEngine):
         return f"mj_forward, Newton, tolerance {self.tolerance:g}, solimp {self.impedance:g}, solref default"
 
     def answer(self, state: State, terms: Terms, F: np.ndarray, hard: Hard) -> Answer:
-        """`solved`, and how soft each row was."""
+        """`own_solution`, and how soft each row was."""
         scene = self.scene
         nt, axes = len(F), list(scene.loop_axes)
         a, (R, pull, loop_forces) = np.empty_like(state.v), np.empty((3, nt, scene.N, 3))
-        for k, d in enumerate(self._forward(state, F)):
-            stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
-            pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
-            a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
+        with only(self.mj):
+            for k, d in enumerate(forward(self, state, F)):
+                stiffness, damping, impedance, _ = d.efc_KBIP.reshape(-1, 4).T
+                pull[k] = -(damping * d.efc_vel + stiffness * impedance * d.efc_pos).reshape(-1, 3)
+                a[k], loop_forces[k], R[k] = d.qacc, d.efc_force.reshape(-1, 3), d.efc_R.reshape(-1, 3)
         R, pull = (x[..., axes].reshape(nt, scene.nc) for x in (R, pull))
         soft = hard.A + R[..., None] * np.eye(scene.nc)  # (A + R) lambda = A lambda of hard loops
         closure = pull - R * np.linalg.solve(soft, hard.A @ hard.multipliers[..., None])[..., 0]
         stiffness = np.einsum("tii->ti", hard.A) / R  # the solver factors M + J^T R^-1 J
         return Answer(a, loop_forces, np.zeros_like(a), closure, float(stiffness.max()))
 
-    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+    def own_solution(self, state: State, F: np.ndarray) -> np.ndarray:
         """``qacc`` of ``mj_forward``."""
         a = np.empty_like(state.v)
-        for k, d in enumerate(self._forward(state, F)):
-            a[k] = d.qacc
+        with only(self.mj):
+            for k, d in enumerate(forward(self, state, F)):
+                a[k] = d.qacc
         return a
-
-    def _forward(self, state: State, F: np.ndarray) -> Iterator[Any]:
-        """``mj_forward`` of every sample: forces on the motors, the load among the applied forces, soft loops."""
-        mj, m, d, scene = self.mj, self.soft_model, self.soft_data, self.scene
-        beyond = np.argwhere(np.abs(F) > mj.mjMAXVAL)
-        if len(beyond):
-            k, i = beyond[0].tolist()
-            raise EngineError(
-                f"{self.name}: sample {k}: got {F[k, i]:.3g} N for leg {i + 1}, expected at most {mj.mjMAXVAL:g} N:"
-                " MuJoCo sets all controls to zero beyond"
-            )
-        m.eq_solimp[:, :2] = self.impedance
-        m.opt.tolerance = self.tolerance
-        mj.mj_resetData(m, d)  # the solver starts from what it last found
-        for k in range(len(F)):
-            d.qpos, d.qvel, d.ctrl[self.motors] = state.q[k], state.v[k], F[k]
-            if scene.load:
-                mj.mj_fwdPosition(m, d)
-                d.qfrc_applied = self.load(d)
-            mj.mj_forward(m, d)
-            self.require_rows(d)
-            yield d
-        self.require_quiet(d)
 
     def platform_acceleration(self, trajectory: Trajectory, a: np.ndarray) -> np.ndarray:
         """A free joint accelerates in world axes and turns in body axes."""
@@ -270,6 +253,7 @@ class MujocoEngine(SteppingEngine):
             make(m, d)
             self.require_rows(d)
             yield k
+        self.require_quiet(d)
 
     def require_quiet(self, d: Any) -> None:
         """Raise EngineError if MuJoCo has warned: it goes on, with a state or controls of its own choice."""

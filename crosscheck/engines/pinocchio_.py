@@ -223,7 +223,7 @@ class PinocchioEngine(SteppingEngine):
             left = shrink @ left
         return Answer(a, loop_forces, np.zeros_like(a), -(hard.A @ left)[..., 0])
 
-    def solved(self, state: State, F: np.ndarray) -> np.ndarray:
+    def own_solution(self, state: State, F: np.ndarray) -> np.ndarray:
         """What ``constraintDynamics`` returns."""
         a = np.empty_like(state.v)
         for k, answer in enumerate(self._solved(state, F)):
