@@ -1,4 +1,4 @@
-"""The command line: run, simulate, bench, audit, models, scenes, engines."""
+"""The command line: run, simulate, bench, stress, audit, models, scenes, engines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from . import audit as audit_of_text
 from .cli_bench import bench
 from .cli_run import run
 from .cli_simulate import simulate
+from .cli_stress import stress
 from .engine import EngineError, Failure, UnknownEngine, engine_version, routes
+from .hard import UnknownFamily
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id
 from .terminal import Out, Scene, console, plain, say
 from .trajectory import TrajectoryError
@@ -37,6 +39,7 @@ app.command(
     epilog="Example: crosscheck simulate hexapod --engine mujoco --engine pinocchio --duration 1 --out results"
 )(simulate)
 app.command(epilog="Example: crosscheck bench hexapod --quick --out results")(bench)
+app.command(epilog="Example: crosscheck stress --family steep --engine mujoco --quick --out results")(stress)
 
 
 @app.command(epilog="Example: crosscheck audit --out results")
@@ -108,7 +111,7 @@ def main() -> None:
         status = app(args=sys.argv[1:] or ["--help"], standalone_mode=False)
         if status == INTERRUPTED:
             say("interrupted; nothing was written")
-    except (SceneError, TrajectoryError, UnknownEngine, OutputError) as e:
+    except (SceneError, TrajectoryError, UnknownEngine, UnknownFamily, OutputError) as e:
         say(str(e))
         status = UNUSABLE
     except typer.TyperException as e:

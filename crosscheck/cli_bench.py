@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ..models import load_scene
 from ..reports import print_bench, require_free, write_bench
 from .engine import EngineError
 from .run import ENGINE_FAILED
 from .sweep import FULL, QUICK
-from .terminal import Out, Scene, console, plain, say
+from .terminal import Out, Scene, console, plain, say, steps
 
 
 def bench(
@@ -37,18 +36,7 @@ def bench(
     require_free(out or Path("runs", "RUN_ID"))
     loaded = load_scene(scene)
     progress = console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=progress, transient=True, disable=not progress.is_terminal) as bar:
-        said = [""]
-        visits = bar.add_task(f"{loaded.name}: starting", total=None)
-
-        def done(line: str, total: int) -> None:
-            bar.update(visits, advance=1, total=total, description=line)
-            stage = line.split(":")[0]
-            if not progress.is_terminal and stage != said[-1]:  # nobody sees a bar
-                plain(progress, stage)
-                said.append(stage)
-
+    with steps(f"{loaded.name}: starting", progress) as done:
         try:
             report = bench_scene(loaded, engine or (), QUICK if quick else FULL, done)
         except EngineError as e:

@@ -116,6 +116,10 @@ class Failure:
     reason: str
 
 
+class Died(Failure):
+    """An engine whose process ended without an answer: a crash, or a time-out."""
+
+
 class Engine(Protocol):
     """Protocol of an engine."""
 

@@ -24,13 +24,14 @@ class Problem:
 
     ``start``: pose and twist at t = 0, one sample (its accelerations mean nothing).  ``t`` (nt,): output times [s],
     evenly spaced from 0.  ``prescribed``: forces are those of the scene's motion and the start is on it, so that the
-    motion is the exact solution.
+    motion is the exact solution.  ``interval``: largest distance of the grid's times [s].
     """
 
     scene: Scene
     start: Trajectory
     t: np.ndarray
     prescribed: bool
+    interval: float = GRID
 
     @property
     def duration(self) -> float:
@@ -40,11 +41,11 @@ class Problem:
     @property
     def parts(self) -> int:
         """Intervals of the grid between two outputs."""
-        return math.ceil(self.duration / (len(self.t) - 1) / GRID * (1.0 - 1e-12))
+        return math.ceil(self.duration / (len(self.t) - 1) / self.interval * (1.0 - 1e-12))
 
     @property
     def grid(self) -> np.ndarray:
-        """Times [s] that every step size hits: the output times, and what divides them into `GRID` or less."""
+        """Times [s] that every step size hits: the output times, and what divides them into `interval` or less."""
         return np.linspace(0.0, self.duration, (len(self.t) - 1) * self.parts + 1)
 
     @property
@@ -86,7 +87,7 @@ class Staged:
         return self.values[n]
 
 
-def pose(scene: Scene, duration: float | None = None, samples: int = SAMPLES) -> Problem:
+def pose(scene: Scene, duration: float | None = None, samples: int = SAMPLES, interval: float = GRID) -> Problem:
     """The problem that a scene poses.
 
     Parameters
@@ -94,6 +95,7 @@ def pose(scene: Scene, duration: float | None = None, samples: int = SAMPLES) ->
     scene : with `[forces]` or `[motion]`, and with `[initial]` or `[motion]`.
     duration : s; None: the motion's, or 1 s.
     samples : output times, both ends included, two at least.
+    interval : largest distance of the grid's times [s], which every step has to hit.
 
     Raises
     ------
@@ -104,7 +106,7 @@ def pose(scene: Scene, duration: float | None = None, samples: int = SAMPLES) ->
         raise TrajectoryError(f"{scene.source}: forces: missing, expected a [forces] or a [motion] table")
     start = initial(scene)
     t = np.linspace(0.0, duration or (scene.motion.duration if scene.motion else SECONDS), samples)
-    problem = Problem(scene, start, t, prescribed=scene.forces is None and scene.initial is None)
+    problem = Problem(scene, start, t, scene.forces is None and scene.initial is None, interval)
     if scene.forces is None:
         along(scene, problem.grid)
     return problem

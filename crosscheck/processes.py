@@ -23,6 +23,7 @@ from ..models.scene import Scene
 from .checks import inverse_dynamics
 from .engine import (
     REFERENCE,
+    Died,
     DynamicsResult,
     Engine,
     EngineError,
@@ -161,9 +162,9 @@ class Workers(Generic[K]):
         try:
             return future.result()
         except TimeoutError:
-            return Failure(f"no answer within {self._limit:.0f} s")
+            return Died(f"no answer within {self._limit:.0f} s")
         except ProcessExpired as e:
-            return Failure(_death(e.exitcode, log))
+            return Died(_death(e.exitcode, log))
         except Exception as e:  # a result that cannot be sent back
             return Failure(f"{type(e).__name__}: {e}")
 

@@ -174,15 +174,17 @@ def run(
     return report
 
 
-def provenance(run_id: str, started: datetime, scene: Scene, engines: Mapping[str, type[Engine] | Failure]) -> dict:
-    """What was run where, with which versions."""
+def provenance(
+    run_id: str, started: datetime, scene: Scene | None, engines: Mapping[str, type[Engine] | Failure]
+) -> dict:
+    """What was run where, with which versions; on one scene, if it was one."""
     return {
         "run_id": run_id,
         "started": started.isoformat(),
         "command": sys.argv,
         "versions": _versions(engines),
         "machine": machine(),
-        "scene": {"name": scene.name, "sha256": scene.sha256},
+        **({"scene": {"name": scene.name, "sha256": scene.sha256}} if scene else {}),
     }
 
 

@@ -17,8 +17,9 @@ from ..analytic.solve import longest_lever
 from ..models.scene import Scene
 from .bounds import of_floor, wider_accelerations
 from .compare import ERROR, FAIL, PASS, UNSUPPORTED
+from .credible import exchanged
 from .engine import PLATFORM, DynamicsResult, Failure
-from .problem import Problem
+from .problem import GRID, Problem
 from .quaternions import times
 from .scales import scales
 from .stepping import Method, Simulated
@@ -37,10 +38,10 @@ EASY_GROWTH = 1e3
 ORDER = 0.5
 """What an observed order may be off by where a law speaks for a part of the time alone; measured 0.01 to 0.2."""
 
-NO_LAW = f"the law of these steps, or rounding, allows more than {NEAR:g} of the longest leg, or rad, from the start"
+QUADRATURE_ORDER = 6
+"""Of a quintic spline in the distance of its points."""
 
-REST = 1e-3
-"""Of the platform's kinetic energy at one leg length a second: what counts as exchanged when hardly any is."""
+NO_LAW = f"the law of these steps, or rounding, allows more than {NEAR:g} of the longest leg, or rad, from the start"
 
 Row = tuple[str, Method]
 """Engine and method of a row."""
@@ -86,12 +87,6 @@ def pose_errors(s: Simulated, position: np.ndarray, quaternion: np.ndarray) -> n
     return apart(s.position, s.quaternion, position, quaternion)
 
 
-def exchanged(problem: Problem, s: Simulated) -> float:
-    """Energy [J] that a simulation turns over: the largest change of kinetic or potential energy or work."""
-    rest = REST * 0.5 * problem.scene.platform.mass * problem.length**2
-    return float(max(np.ptp(s.kinetic), np.ptp(s.potential), np.ptp(s.work), rest))
-
-
 def acceleration_errors(
     scene: Scene, trajectory: Trajectory, got: np.ndarray, truth: DynamicsResult, floor: float
 ) -> Accelerated:
@@ -119,12 +114,13 @@ class _Law:
 
 
 def hardness(problem: Problem) -> float:
-    """How much more rounding a machine has than an easy one, at least 1: forces far above what moves it, far away."""
+    """How much more rounding a machine has than an easy one, at least 1: large forces, a steep start, far away."""
     platform, length = problem.scene.platform, problem.length
     lever = longest_lever(problem.scene.pins)
     per_force = max(1.0 / platform.mass, lever**2 / platform.least_inertia) / length
     share = per_force * float(np.abs(problem.forces(problem.t)).max())
-    return float(of_accelerations(share, np.ones(1), problem.start.reach)[0])
+    sine = problem.start.sin_q_n if problem.scene.parameters.leg.spins else np.ones(1)
+    return float(of_accelerations(share, sine, problem.start.reach)[0])
 
 
 def _rounding(problem: Problem, solution: Solution) -> np.ndarray:
@@ -149,7 +145,8 @@ def _law(problem: Problem, solution: Solution, method: Method, own: Simulated, o
     settled = np.searchsorted(problem.t, SETTLED * (method.dt(problem) or 0.0) * max(1.0, ratio))
     law[:settled] = law[min(settled, until - 1)]
     kept = slice(0, (until - 1) * problem.parts + 1)
-    turnover = exchanged(problem, own) * QUADRATURE.value * hardness(problem)
+    coarse = max(problem.spacing / GRID, 1.0) ** QUADRATURE_ORDER
+    turnover = exchanged(problem, own) * QUADRATURE.value * coarse * hardness(problem)
     energy = LAW_FACTOR * 2.0 * float(np.abs(own.defect - other.defect)[kept].max()) + turnover
     allowed = LAW_FACTOR * law + rounding
     return _Law(f"law_of_order_{method.order}", allowed, energy, until, _order(solution, own, other, ratio, until))
@@ -168,6 +165,13 @@ def partner(row: Row, rows: Sequence[Row]) -> Row | None:
     name, method = row
     same = [r for r in rows if r[0] == name and r[1]._replace(steps=method.steps) == method and r != row]
     return same[0] if same else None
+
+
+NUMBERS = (
+    "pose_error", "rotation_error", "order", "judged_until", "loop_gap", "energy_defect", "wall_per_second",
+    "a_error", "alpha_error", "growth_mean", "growth_max", "amplification", "tolerance_pose",
+    "tolerance_rotation",
+)  # fmt: skip
 
 
 def table(
@@ -194,12 +198,7 @@ def table(
             "dt": method.dt(problem),
             "against": "",
         }
-        numbers = (
-            "pose_error", "rotation_error", "order", "judged_until", "loop_gap", "energy_defect", "wall_per_second",
-            "a_error", "alpha_error", "growth_mean", "growth_max", "amplification", "tolerance_pose",
-            "tolerance_rotation",
-        )  # fmt: skip
-        row |= dict.fromkeys(numbers, np.nan) | {"tolerance_name": "", "verdict": ERROR, "reason": ""}
+        row |= dict.fromkeys(NUMBERS, np.nan) | {"tolerance_name": "", "verdict": ERROR, "reason": ""}
         if method.unsupported:
             row |= {"verdict": UNSUPPORTED, "reason": method.unsupported}
         elif isinstance(result, Failure):
@@ -207,19 +206,20 @@ def table(
         elif solution is None:
             row["reason"] = "no analytic solution to compare with"
         else:
-            row |= _row(problem, solution, (name, method), results, accelerated.get((name, method.route)))
+            numbers, wrong = judge(problem, solution, (name, method), results, accelerated.get((name, method.route)))
+            row |= numbers | ({"verdict": FAIL, "reason": "; ".join(wrong.values())} if wrong else {})
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _row(
+def judge(
     problem: Problem,
     solution: Solution,
     key: Row,
     results: Mapping[Row, Simulated | Failure],
-    accelerated: Accelerated | Failure | None,
-) -> dict:
-    """Numbers and verdict of one simulation."""
+    accelerated: Accelerated | Failure | None = None,
+) -> tuple[dict, dict[str, str]]:
+    """Numbers of one simulation, with a verdict, and what is wrong with it, by quantity."""
     _, method = key
     own = results[key]
     assert isinstance(own, Simulated)
@@ -243,12 +243,13 @@ def _row(
         other_key = partner(key, list(results))
         other = results.get(other_key) if other_key else None
         if not isinstance(other, Simulated) or other_key is None:
-            return row | {"verdict": UNSUPPORTED, "reason": "the run with the other step, which gives the law, failed"}
+            reason = "the run with the other step, which gives the law, failed"
+            return row | {"verdict": UNSUPPORTED, "reason": reason}, {}
         assert other_key[1].steps is not None
         law = _law(problem, solution, method, own, other, method.steps / other_key[1].steps)
     if law.until < 2:
-        return row | {"verdict": UNSUPPORTED, "reason": NO_LAW}
-    wrong = []
+        return row | {"verdict": UNSUPPORTED, "reason": NO_LAW}, {}
+    wrong = {}
     errors = np.zeros((nt, 2)) if itself else pose_errors(own, solution.position, solution.quaternion)
     if not itself:
         row |= {"pose_error": float(errors[:, 0].max()), "rotation_error": float(errors[:, 1].max())}
@@ -259,24 +260,22 @@ def _row(
             share = errors[: law.until, column] / law.allowed[: law.until, column]
             if not share.max() <= 1.0:
                 k = int(np.argmax(share))
-                wrong.append(
+                wrong[what] = (
                     f"{what} {errors[k, column]:.2e} {unit} at t = {problem.t[k]:.6g} s, allowed"
                     f" {law.allowed[k, column]:.1e} ({law.name})"
                 )
     if law.until < nt and not abs(law.order - (method.order or 0)) <= ORDER:
-        wrong.append(f"the errors fall with the step by order {law.order:.2f}, expected {method.order}")
+        wrong["order"] = f"the errors fall with the step by order {law.order:.2f}, expected {method.order}"
     judged = defect[: (law.until - 1) * problem.parts + 1].max()
     if not judged <= law.energy:
-        wrong.append(f"energy defect {judged:.2e} J, allowed {law.energy:.1e} J")
+        wrong["energy"] = f"energy defect {judged:.2e} J, allowed {law.energy:.1e} J"
     if isinstance(accelerated, Accelerated):
         row |= {"a_error": accelerated.a, "alpha_error": accelerated.alpha}
         if not accelerated.share <= 1.0:
-            wrong.append(
+            wrong["accelerations"] = (
                 f"accelerations {max(accelerated.a, accelerated.alpha):.2e} of their scale, allowed"
                 f" {ACCELERATIONS.value:.0e} and more where ill-conditioned"
             )
     if isinstance(accelerated, Failure):
-        return row | {"verdict": ERROR, "reason": f"accelerations: {accelerated.reason}"}
-    if wrong:
-        return row | {"verdict": FAIL, "reason": "; ".join(wrong)}
-    return row | {"verdict": PASS}
+        return row | {"verdict": ERROR, "reason": f"accelerations: {accelerated.reason}"}, {}
+    return row | {"verdict": PASS}, wrong

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol, TypeGuard
 import numpy as np
 
 from ..models.scene import Scene
+from .credible import require_credible
 from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure, load_engine, require_finite
 from .problem import Problem
 from .processes import Workers, dynamics
@@ -59,11 +60,16 @@ class Found:
     accelerations: dict[tuple[str, str], np.ndarray | Failure] = field(default_factory=dict)
 
 
-def _simulate(name: str, models: Mapping[str, str], problem: Problem, method: Method) -> Simulated:
-    """Body of a worker process."""
+def simulated(
+    name: str, models: Mapping[str, str], problem: Problem, method: Method, settings: Mapping[str, float] | None = None
+) -> Simulated:
+    """Body of a worker process; `settings` are attributes of the engine. Raises EngineError for what is no answer."""
     engine = load_engine(name)
     assert simulates(engine)
-    result = engine(problem.scene, models).simulate(problem, method)
+    made = engine(problem.scene, models)
+    for attribute, value in (settings or {}).items():
+        setattr(made, attribute, value)
+    result = made.simulate(problem, method)
     if not isinstance(result, Simulated):
         raise EngineError(f"{name}: got {type(result).__name__}, expected a Simulated")
     nt = len(problem.t)
@@ -77,6 +83,7 @@ def _simulate(name: str, models: Mapping[str, str], problem: Problem, method: Me
         if np.shape(getattr(result, key)) != grid:
             raise EngineError(f"{name}: {key}: got shape {np.shape(getattr(result, key))}, expected shape {grid}")
     require_finite(name, energy=result.defect)
+    require_credible(name, problem, result)
     return result
 
 
@@ -107,7 +114,7 @@ def run_tasks(
         for name, methods in able.items():
             for method in methods:
                 if not method.unsupported:
-                    workers.start(name, _Task(name, method), _simulate, name, models, problem, method)
+                    workers.start(name, _Task(name, method), simulated, name, models, problem, method)
         for task, result in workers.ended():
             done(_line(problem, task, result))
             if task.method is None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 Scene = Annotated[str, typer.Argument(help="A built-in scene (see `crosscheck scenes`) or the path of a TOML file.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")]
@@ -37,3 +39,24 @@ def say(message: str) -> None:
     """A message on stderr."""
     with contextlib.suppress(OSError):  # stderr may be closed or full: the exit status still tells
         print(f"crosscheck: {message}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def steps(starting: str, to: Console) -> Iterator[Callable[[str, int], None]]:
+    """A bar of long work, and what moves it on: called with a line for people and the number of all steps.
+
+    Where nobody sees a bar, what a line says before its colon is printed, once.
+    """
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=to, transient=True, disable=not to.is_terminal) as bar:
+        said = set[str]()
+        task = bar.add_task(starting, total=None)
+
+        def done(line: str, total: int) -> None:
+            bar.update(task, advance=1, total=total, description=line)
+            stage = line.split(":")[0]
+            if not to.is_terminal and stage not in said:
+                plain(to, stage)
+                said.add(stage)
+
+        yield done

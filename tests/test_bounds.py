@@ -72,6 +72,12 @@ def no_legs(data: dict) -> None:
         scaled(data["leg"][name], 1e-6)
 
 
+def light_rods(data: dict) -> None:
+    """What drives a rod would accelerate it alone five million times as much as it moves."""
+    scaled(data["leg"]["rod"], 1e-3)
+    scaled(data["leg"]["guide"], 1e3)
+
+
 def drifting(data: dict) -> None:
     """Without gravity, picometres of motion: MuJoCo's pull on rounded gaps is more than its loops' softness."""
     data["gravity"] = (0.0, 0.0, 0.0)
@@ -111,6 +117,8 @@ HARD: dict[str, Callable[[], Scene]] = {
     "platform without inertia": lambda: changed("hexapod", slender),
     "platform without mass": lambda: changed("hexapod", lambda d: scaled(d["platform"], 1e-6)),
     "legs without mass": lambda: changed("hexapod", no_legs),
+    "long rods": lambda: changed("hexapod", lambda d: d["leg"].update(a=100.0)),
+    "light rods in heavy guides": lambda: changed("pointmass2", light_rods),
     "light": lambda: changed("tsai2000", light),
     "drifting": lambda: changed("hexapod", drifting),
     "small": lambda: changed("hexapod", small),

@@ -351,6 +351,10 @@ UNUSABLE = {
     "bench five.toml": "five.toml: hull.pins: got 5 legs, expected 6: .* overdetermined",
     "bench --out full": "--out full: got a folder that is not empty, expected one that does not exist or is empty",
     "bench --samples 3": "No such option: --samples",
+    "stress --family nothing": "--family: got an unknown family of cases 'nothing', expected one of ",
+    "stress --engine bullet": "--engine: got an unknown engine 'bullet', expected one of analytic, dart, mujoco, ",
+    "stress --out full": "--out full: got a folder that is not empty, expected one that does not exist or is empty",
+    "stress hexapod": "Got unexpected extra argument",
     "fly": "No such command 'fly'",
     "models": "Missing argument 'scene'",
     "models hexapod": "Missing option '--out'",
@@ -443,7 +447,7 @@ def test_engines_lists_every_engine_with_route_and_version(command: Command) -> 
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 
-@pytest.mark.parametrize("name", ["run", "simulate", "bench", "audit", "models", "scenes", "engines"])
+@pytest.mark.parametrize("name", ["run", "simulate", "bench", "stress", "audit", "models", "scenes", "engines"])
 def test_every_command_has_help_with_an_example(command: Command, name: str) -> None:
     status, out, err = command(name, "--help")
     assert (status, err) == (0, "")
@@ -456,7 +460,7 @@ def test_help_names_every_command(command: Command, args: tuple[str, ...]) -> No
     assert status == 0
     assert all(
         re.search(rf"^\W*{name} ", out, flags=re.M)
-        for name in ("run", "simulate", "bench", "audit", "models", "scenes", "engines")
+        for name in ("run", "simulate", "bench", "stress", "audit", "models", "scenes", "engines")
     )
 
 
@@ -465,6 +469,7 @@ def test_the_help_test_covers_every_command() -> None:
         "run",
         "simulate",
         "bench",
+        "stress",
         "audit",
         "models",
         "scenes",

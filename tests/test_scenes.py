@@ -105,6 +105,19 @@ def test_an_inertia_below_mujocos_floor_is_raised_to_it(engine_name: str) -> Non
     assert facts.floors == (f"{FLOOR:g} kg m^2 in place of a zero moment of inertia, bodies: 12",)
 
 
+@pytest.mark.parametrize("offset", [9e-7, -1e-9])
+def test_offsets_below_a_micrometre_are_no_zeros(engine_name: str, offset: float) -> None:
+    """MuJoCo lets a site or a centre of mass coincide with its body's frame there, unless told: 1e-4 N, 1e-6 m."""
+    data = load_scene("hexapod").model_dump(by_alias=True, exclude_none=True)
+    data["leg"]["a"] = data["leg"]["guide"]["com"] = offset
+    scene = Scene.model_validate(data)
+    trajectory = from_scene(scene, 3)
+    engines = {e: load_engine(e) for e in (engine_name, "reference")}
+    results = {e: engine(scene).inverse_dynamics(trajectory) for e, engine in engines.items()}
+    rows = agreement("id", scene, trajectory, engines, keyed(scene, trajectory, engines, results))
+    assert set(rows["verdict"]) == {"pass"}, rows[rows["verdict"] != "pass"][["engine", "quantity", "max_rel"]]
+
+
 @only_dart
 def test_a_link_that_does_not_say_zero_would_weigh_a_kilogram_in_dart(engine_name: str) -> None:
     """Why the massless links carry an explicit zero: the same URDF without it is another machine."""

@@ -21,10 +21,11 @@ from stewart_crosscheck.analytic import simulate as simulate_analytic
 from stewart_crosscheck.analytic.stability import linearised
 from stewart_crosscheck.crosscheck import simulate as simulate_module
 from stewart_crosscheck.crosscheck import simulation, stepping, tasks
+from stewart_crosscheck.crosscheck.credible import exchanged
 from stewart_crosscheck.crosscheck.engine import Failure, load_engine
 from stewart_crosscheck.crosscheck.problem import Problem, Staged, pose
 from stewart_crosscheck.crosscheck.simulate import SimulationReport, simulate
-from stewart_crosscheck.crosscheck.simulation import Solution, exchanged, pose_errors
+from stewart_crosscheck.crosscheck.simulation import Solution, pose_errors
 from stewart_crosscheck.crosscheck.stepping import Method, Simulated, SteppingEngine, continuous
 from stewart_crosscheck.crosscheck.tasks import simulates
 from stewart_crosscheck.crosscheck.trajectory import TrajectoryError, along
