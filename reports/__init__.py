@@ -12,20 +12,24 @@ from .files import (
     write_simulation,
 )
 from .simulation import print_simulation
+from .stress import STRESS_COLUMNS, print_stress, write_stress
 from .terminal import print_verdict
 
 __all__ = [
     "AGREEMENT_COLUMNS",
     "SIMULATION_COLUMNS",
     "SPEED_ERROR_COLUMNS",
+    "STRESS_COLUMNS",
     "OutputError",
     "print_audit",
     "print_bench",
     "print_simulation",
+    "print_stress",
     "print_verdict",
     "require_free",
     "write_bench",
     "write_files",
     "write_run",
     "write_simulation",
+    "write_stress",
 ]

@@ -215,7 +215,7 @@ def write_bench(
     folder: Path, speed_error: pd.DataFrame, scaling: pd.DataFrame, split: pd.DataFrame, info: Mapping[str, Any]
 ) -> None:
     """speed_error.csv, scaling.csv, split.csv, plots as SVG and PNG, report.html, run.json. Raises OutputError."""
-    from .page import Shown, page  # with matplotlib: a second, which no other command need wait for
+    from .page import Shown, bench_page  # with matplotlib: a second, which no other command need wait for
     from .plots import draw
 
     baseline = yardstick(info)
@@ -228,7 +228,9 @@ def write_bench(
         "speed_error.csv": speed_error[SPEED_ERROR_COLUMNS].to_csv(index=False),
         "scaling.csv": scaling.to_csv(index=False),
         "split.csv": split.to_csv(index=False),
-        "report.html": page(shown, speed_error[SPEED_ERROR_COLUMNS], split, plots, info, EQUAL, summary(speed_error)),
+        "report.html": bench_page(
+            shown, speed_error[SPEED_ERROR_COLUMNS], split, plots, info, EQUAL, summary(speed_error)
+        ),
         "run.json": json.dumps(info, indent=2) + "\n",
     }
     for name, plot in plots.items():

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,41 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from .drawing import ROUNDING, STYLE, Plot, files, styles
+
 PANELS = {
     "driving_forces": "Driving forces",
     "all_reactions": "Driving forces and all reactions",
     "forward_step": "Accelerations from forces",
     "simulate": "One second of motion",
 }
-COLOURS = {
-    "analytic": "#000000",
-    "mujoco": "#0072b2",
-    "pinocchio": "#d55e00",
-    "dart": "#009e73",
-    "reference": "#cc79a7",
-}
-OTHERS = "#e69f00"
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "p", "h", "d", "8")
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
-STYLE: dict[Any, Any] = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.alpha": 0.35,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.fonttype": "path",
-    "legend.frameon": False,
-}
-ROUNDING = 2.0**-53
 FLOOR = 1e-18
 """Smallest error that is drawn: a perfect answer has none."""
-
-
-class Plot(NamedTuple):
-    """A figure as files."""
-
-    svg: str
-    png: bytes
 
 
 def draw(speed_error: pd.DataFrame, scaling: pd.DataFrame, baseline: float) -> dict[str, Plot]:
@@ -59,16 +33,7 @@ def draw(speed_error: pd.DataFrame, scaling: pd.DataFrame, baseline: float) -> d
             "scaling": over_samples(scaling),
             "legs": over_legs(scaling),
         }
-        return {name: _files(name, figure) for name, figure in figures.items() if figure.axes}
-
-
-def _files(name: str, figure: Figure) -> Plot:
-    svg, png = io.StringIO(), io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": name}):  # the same plot is the same file, and two on a page share no names
-        figure.savefig(svg, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
-    figure.savefig(png, format="png", dpi=130, bbox_inches="tight", metadata={"Software": None})
-    text = svg.getvalue()
-    return Plot(text[text.index("<svg") :], png.getvalue())
+        return {name: files(name, figure) for name, figure in figures.items() if figure.axes}
 
 
 KNOB = r", ([a-z]+ [\d.][^,]*)$"
@@ -83,20 +48,6 @@ def methods(rows: pd.DataFrame) -> pd.Series:
     family = rows["setting"].fillna("").str.replace(KNOB, "", regex=True)
     names = [rows[name].fillna("").astype(str) for name in ("engine", "route", "backend")]
     return pd.Series(list(zip(*names, family, strict=True)), index=rows.index, dtype=object)
-
-
-def styles(found: Iterable[Method]) -> dict[Method, dict[str, Any]]:
-    """Colour by engine; marker and line by method: no two are alike in black and white."""
-    return {
-        method: {
-            "color": COLOURS.get(method[0], OTHERS),
-            "marker": MARKERS[k % len(MARKERS)],
-            "linestyle": LINES[k % len(LINES)],
-            "markersize": 5.5,
-            "linewidth": 1.2,
-        }
-        for k, method in enumerate(dict.fromkeys(found))
-    }
 
 
 def _range(values: Iterable[Any]) -> str:

@@ -17,16 +17,8 @@ from rich.console import Console
 from stewart_crosscheck.reports import SPEED_ERROR_COLUMNS, print_bench, write_bench
 from stewart_crosscheck.reports import plots as reports_plots
 from stewart_crosscheck.reports.bench import TITLES, best, number, samples, summary
-from stewart_crosscheck.reports.plots import (
-    MARKERS,
-    Plot,
-    draw,
-    methods,
-    over_legs,
-    over_samples,
-    styles,
-    work_precision,
-)
+from stewart_crosscheck.reports.drawing import MARKERS, Plot, styles
+from stewart_crosscheck.reports.plots import draw, methods, over_legs, over_samples, work_precision
 
 ROWS = [
     ("driving_forces", "analytic", "closed_form", "numpy", "(7)-(8)", 1, 100.0, 1e-15),
