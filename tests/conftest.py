@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from stewart_crosscheck.analytic import Parameters, PlatformMotion, forward
 from stewart_crosscheck.analytic.solve import row_scaled
@@ -17,6 +18,13 @@ from stewart_crosscheck.crosscheck.checks import checks, longest_leg
 from stewart_crosscheck.crosscheck.engine import DynamicsResult, Engine, Failure, Key, load_engine
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, load_scene
+
+# No time is asserted, and the fixture `engine_name` is a word, which no example can change.
+_NO_CHECK = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+_ALWAYS: dict[str, Any] = {"deadline": None, "suppress_health_check": _NO_CHECK}
+settings.register_profile("short", max_examples=8, derandomize=True, database=None, **_ALWAYS)
+settings.register_profile("long", max_examples=1000, print_blob=True, **_ALWAYS)
+settings.load_profile("short")  # `--hypothesis-profile long` comes later, and wins
 
 ENGINES = {"mujoco": "mujoco", "pinocchio": "pinocchio", "dart": "dartpy"}
 """Engine name to the module that it needs."""
