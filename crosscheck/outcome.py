@@ -85,12 +85,12 @@ class Place:
             return float((rounding + of_floor(scene, at, name, self.size, floor))[0])
 
 
-def quantities(scene: Scene, method: Method, answer: Answer | Failure | None = None) -> tuple[str, ...]:
-    """What a method is asked for; of the exact forms of the forward problem accelerations alone."""
+def quantities(scene: Scene, method: Method) -> tuple[str, ...]:
+    """What a method is asked for, whether it answers or not."""
     if method.problem == INVERSE:
         return (*scene.quantities, *HULL)
-    native = isinstance(answer, DynamicsResult)
-    return (*scene.quantities[1:], *HULL, *forward_quantities(scene)) if native else forward_quantities(scene)
+    reactions = (*scene.quantities[1:], *HULL) if method.with_reactions else ()
+    return (*reactions, *forward_quantities(scene))
 
 
 def judge(
@@ -106,7 +106,7 @@ def judge(
     ``floor``: smallest moment of inertia [kg m^2] of the engine's format.  ``states_nothing``: no tolerance counts.
     """
     nothing = {"max_rel_error": np.nan, "input_sensitivity": np.nan, "condition": np.nan, "stated": np.nan}
-    for name in quantities(point.scene, method, answer):
+    for name in quantities(point.scene, method):
         row: dict[str, Any] = {"quantity": name, **nothing}
         if isinstance(place, Place):
             row |= {"input_sensitivity": place.sensitivity(name), "condition": place.truth.condition}

@@ -25,10 +25,11 @@ from .trajectory import Trajectory, TrajectoryError, instant
 
 
 class Method(NamedTuple):
-    """One way of an engine to answer one problem."""
+    """One way of an engine to answer one problem; of the forward one with reactions, or with accelerations alone."""
 
     route: str
     problem: str
+    with_reactions: bool = True
 
 
 Answer = DynamicsResult | Accelerated
@@ -53,10 +54,10 @@ def certain(points: Sequence[Point]) -> list[dict[str, Certain | Failure]]:
 def methods(engine: type[Engine]) -> list[Method]:
     """Methods of an engine: what it declares as forms, else its routes and, for hard loops, their forward dynamics."""
     if forms := getattr(engine, "forms", None):
-        return [Method(route, problem) for problem, routes in forms.items() for route in routes]
+        return [Method(r, problem, problem == INVERSE) for problem, routes in forms.items() for r in routes]
     found = [Method(engine.route, INVERSE)]
     if issubclass(engine, SolverEngine):
-        found.append(Method(engine.route, FORWARD))
+        found.append(Method(engine.route, FORWARD, with_reactions=False))
     return [*found, Method(engine.forward_route, FORWARD)] if is_forward(engine) else found
 
 

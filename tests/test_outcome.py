@@ -91,7 +91,7 @@ def test_a_wrong_answer_is_silent(point: Point, places: dict[str, Place]) -> Non
     got = outcomes(point, places[INVERSE], CLOSED, replace(right, F=F))
     assert got.pop("F") == SILENT
     assert set(got.values()) == {ACCURATE}
-    method = Method("6x6", FORWARD)
+    method = Method("6x6", FORWARD, with_reactions=False)
     a = found[method]
     assert isinstance(a, Accelerated)
     a.platform[0, 4] += 1e-10 * places[FORWARD].size.of("alpha")
@@ -143,7 +143,7 @@ def test_no_tolerance_excuses_the_formulas(family: str, name: str, value: float)
     (found,) = answers("analytic", [point])
     states_nothing = AnalyticEngine.states_nothing
     for problem, truth in ((INVERSE, certain_inverse(point)), (FORWARD, certain_forward(point))):
-        place, method = Place.of(point, truth), Method("closed_form", problem)
+        place, method = Place.of(point, truth), Method("closed_form", problem, problem == INVERSE)
         answer = found[method]
         right = {r["outcome"] for r in judge(point, place, method, answer, 0.0, method.route in states_nothing)}
         assert right == {ACCURATE}
@@ -154,3 +154,12 @@ def test_no_tolerance_excuses_the_formulas(family: str, name: str, value: float)
             answer = replace(answer, F=1.05 * answer.F)
         wrong = {r["quantity"]: r["outcome"] for r in judge(point, place, method, answer, 0.0, True)}
         assert SILENT in {wrong["F" if problem == INVERSE else "a"]}
+
+
+def test_a_refusal_has_the_rows_of_an_answer(engine_name: str, point: Point, places: dict[str, Place]) -> None:
+    (found,) = answers(engine_name, [point])
+    for method, answer in found.items():
+        place = places[method.problem]
+        refused = outcomes(point, place, method, Failure("no"))
+        assert list(refused) == list(outcomes(point, place, method, answer))
+        assert set(refused.values()) == {REFUSED}
