@@ -163,3 +163,33 @@ def test_a_refusal_has_the_rows_of_an_answer(engine_name: str, point: Point, pla
         refused = outcomes(point, place, method, Failure("no"))
         assert list(refused) == list(outcomes(point, place, method, answer))
         assert set(refused.values()) == {REFUSED}
+
+
+def judged(family: str, name: str, value: float, engine: str, method: Method) -> tuple[Point, Place, Answer]:
+    """A hard point with its truth and one answer."""
+    case = next(c for c in load_family(family) if c.name == name)
+    assert isinstance(case, Case)
+    point = case.at(value)
+    (found,) = answers(engine, [point])
+    answer = found[method]
+    assert not isinstance(answer, Failure), answer
+    return point, Place.of(point, certain_forward(point)), answer
+
+
+@pytest.mark.parametrize("engine_name", ["dart"], indirect=True)
+def test_dart_says_how_far_velocities_are_rounded_over_its_step(engine_name: str) -> None:
+    """In slow units of time velocities are far above accelerations; its step in seconds stays."""
+    method = Method("native", FORWARD)
+    point, place, answer = judged("scale", "scale_time", 1e5, engine_name, method)
+    assert SILENT not in outcomes(point, place, method, answer).values()
+    assert isinstance(answer, DynamicsResult)
+    assert SILENT in outcomes(point, place, method, replace(answer, amplification=1e6)).values()
+
+
+@pytest.mark.parametrize("engine_name", ["pinocchio"], indirect=True)
+def test_hard_loops_say_how_far_a_steep_leg_s_inertia_is_rounded(engine_name: str) -> None:
+    method = Method("kkt", FORWARD, with_reactions=False)
+    point, place, answer = judged("steep", "steep_moving_thin", 1e-4, engine_name, method)
+    assert set(outcomes(point, place, method, answer).values()) == {DEGRADED}
+    assert isinstance(answer, Accelerated)
+    assert SILENT in outcomes(point, place, method, answer._replace(growth=1.0)).values()
