@@ -6,17 +6,14 @@ import math
 
 import typer
 
-MOST_SAMPLES = 1_000_000
-"""Beyond it the trajectory alone, 0.6 kB a sample, takes gigabytes in all the processes of a run."""
-
-LONGEST = 3600.0
-"""Of a simulation, s: an hour has some million steps."""
+from .problem import LONGEST
+from .trajectory_csv import MOST_ROWS
 
 
 def count(text: str, least: int = 1) -> int:
     """Value of --samples."""
-    if not (text.isdecimal() and len(text) < 10 and least <= int(text) <= MOST_SAMPLES):
-        raise typer.BadParameter(f"got {text!r}, expected a whole number from {least} to {MOST_SAMPLES}")
+    if not (text.isdecimal() and len(text) < 10 and least <= int(text) <= MOST_ROWS):
+        raise typer.BadParameter(f"got {text!r}, expected a whole number from {least} to {MOST_ROWS}")
     return int(text)
 
 

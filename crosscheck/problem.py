@@ -14,6 +14,9 @@ from .waves import sines
 SECONDS = 1.0
 """Duration without a motion that has one."""
 
+LONGEST = 3600.0
+"""Of a simulation, s: an hour has some million steps."""
+
 GRID = 1e-2
 """Largest distance [s] of the times at which energy, work and gaps are taken: twenty of them in the fastest swing."""
 
@@ -100,12 +103,18 @@ def pose(scene: Scene, duration: float | None = None, samples: int = SAMPLES, in
     Raises
     ------
     TrajectoryError
-        A table is missing, the start is singular, or the motion has no driving forces on the way.
+        A table is missing, the motion is too long, the start is singular, or it has no driving forces on the way.
     """
     if scene.forces is None and scene.motion is None:
         raise TrajectoryError(f"{scene.source}: forces: missing, expected a [forces] or a [motion] table")
     start = initial(scene)
-    t = np.linspace(0.0, duration or (scene.motion.duration if scene.motion else SECONDS), samples)
+    end = duration or (scene.motion.duration if scene.motion else SECONDS)
+    if end > LONGEST:
+        raise TrajectoryError(
+            f"{scene.source}: motion.duration: got {end:g} s, expected at most {LONGEST:g} s for a simulation, or"
+            " --duration"
+        )
+    t = np.linspace(0.0, end, samples)
     problem = Problem(scene, start, t, scene.forces is None and scene.initial is None, interval)
     if scene.forces is None:
         along(scene, problem.grid)

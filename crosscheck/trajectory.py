@@ -11,7 +11,8 @@ import numpy as np
 
 from .. import analytic
 from ..analytic import Infeasible, PlatformMotion, SingularPose
-from ..models.scene import Scene, printable
+from ..models.reading import printable
+from ..models.scene import Scene
 from ..models.tables import LARGEST, Component
 from . import quaternions
 from .conditioning import conditioning

@@ -6,22 +6,31 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from .reading import short
 from .tables import LARGEST
+
+MOST_LINES = 10
+"""Of a message."""
 
 
 def show(value: Any) -> str:
     """A value for a message, cut where it is long."""
-    text = repr(value) if not isinstance(value, dict) else "a table"
-    return text if len(text) <= 60 else text[:57] + "..."
+    if isinstance(value, dict):
+        return "a table"
+    try:
+        return short(repr(value))
+    except (RecursionError, ValueError):  # arrays of tables of tables ..., an integer beyond what Python writes
+        return "a value too long to be shown"
 
 
 def explain(error: ValidationError) -> list[str]:
-    """One line per wrong field: its path, what was got, what is expected."""
+    """One line per wrong field: its path, what was got, what is expected; no more of them than anybody reads."""
     lines = []
-    for e in error.errors():
+    errors = error.errors(include_url=False)
+    for e in errors[:MOST_LINES]:
         field = ""
         for part in e["loc"]:
-            field += f"[{part}]" if isinstance(part, int) else f".{part}" if field else str(part)
+            field += f"[{part}]" if isinstance(part, int) else f".{short(part)}" if field else short(part)
         kind = e["type"]
         if kind == "extra_forbidden":
             lines.append(f"{field}: unknown key, expected none of this name")
@@ -45,4 +54,6 @@ def explain(error: ValidationError) -> list[str]:
         else:
             reason = e["msg"].replace("Input should be", "").strip().replace("a valid tuple", "an array")
             lines.append(f"{field}: got {show(e['input'])}, expected {reason}")
+    if len(errors) > MOST_LINES:
+        lines.append(f"{len(errors) - MOST_LINES} fields more are not as expected")
     return lines

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -14,8 +13,12 @@ from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, mod
 
 from ..analytic import stewart
 from .explain import explain, show
+from .reading import printable, read_text, read_toml
 from .tables import Hull, Initial, LegForces, LegTable, LoadTable, Motion, Platform, Table, Vector
 from .topology import require_topology
+
+MOST_BYTES = 1_000_000
+"""Of a scene file: the built-in ones have some two thousand."""
 
 Freedom = Literal["spatial", "planar", "point"]
 
@@ -211,16 +214,11 @@ def _require_schema(data: dict[str, Any], source: str) -> None:
         raise SceneError(f"{source}: schema: got {show(schema)}, expected 1")
 
 
-def printable(path: str | Path) -> str:
-    """A path for messages and tables: bytes that are no text are spelled out."""
-    return str(path).encode("utf-8", "backslashreplace").decode()
-
-
 def parse_scene(text: str, source: str) -> Scene:
     """Scene from TOML text; `source` names it in errors. Raises SceneError."""
     try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as e:  # broken TOML, an integer or a nesting beyond Python's limits
+        data = read_toml(text)
+    except ValueError as e:
         raise SceneError(f"{source}: got no TOML, expected a scene: {e}") from None
     if not data:
         raise SceneError(f"{source}: got an empty file, expected a scene (schema = 1, name, topology, [leg], ...)")
@@ -262,12 +260,11 @@ def load_scene(name_or_path: str | Path) -> Scene:
             raise SceneError(
                 f"{name!r}: got an unknown scene, expected one of {', '.join(scene_names())} or a TOML file"
             )
-        return parse_scene(path.read_bytes().decode("utf-8-sig"), name)
+        text = read_text(path, MOST_BYTES)
     except SceneError:
         raise
-    except UnicodeDecodeError as e:
-        raise SceneError(f"{name}: got bytes that are no text (at {e.start}), expected TOML in UTF-8") from None
     except OSError as e:
         raise SceneError(f"{name}: {e.strerror or e}, expected a readable TOML file") from None
-    except ValueError as e:  # a path with a null byte
-        raise SceneError(f"{name!r}: {e}, expected a readable TOML file") from None
+    except ValueError as e:  # too much, no text, or a path with a null byte
+        raise SceneError(f"{name}: {e}, expected a readable TOML file in UTF-8 of at most 1 MB") from None
+    return parse_scene(text, name)

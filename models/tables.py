@@ -11,10 +11,14 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 LARGEST = 1e20
 """Largest number in a scene or trajectory file, SI units: products of such numbers are finite in float64."""
 
+MOST = 1000
+"""Legs of a mechanism, terms of a component."""
+
 Finite = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=LARGEST)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=LARGEST)]
 Vector = tuple[Finite, Finite, Finite]
+Pins = Annotated[tuple[Vector, ...], Field(min_length=1, max_length=MOST)]
 
 
 class Table(BaseModel):
@@ -92,7 +96,7 @@ class Platform(Table):
     mass: Positive
     inertia: tuple[Vector, Vector, Vector] | None = None
     J_z: Positive | None = None
-    pins: Annotated[tuple[Vector, ...], Field(min_length=1)] | None = None
+    pins: Pins | None = None
 
     @property
     def tensor(self) -> tuple[Vector, Vector, Vector]:
@@ -130,14 +134,14 @@ class Platform(Table):
 class Hull(Table):
     """Hull pins O_oi = (A_i, B_i, D_i) [m], world axes."""
 
-    pins: Annotated[tuple[Vector, ...], Field(min_length=1)]
+    pins: Pins
 
 
 class Component(Table):
     """c0 + sum of amplitude * sin(omega t + phase); terms are [amplitude, omega in rad/s, phase in rad]."""
 
     c0: Finite = 0.0
-    terms: tuple[Vector, ...] = ()
+    terms: Annotated[tuple[Vector, ...], Field(max_length=MOST)] = ()
 
     @property
     def is_zero(self) -> bool:
@@ -187,4 +191,4 @@ class Initial(Table):
 class LegForces(Table):
     """Driving forces of a simulation [N], one component per leg. `run` does not read them."""
 
-    legs: tuple[Component, ...]
+    legs: Annotated[tuple[Component, ...], Field(max_length=MOST)]
