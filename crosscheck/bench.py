@@ -16,7 +16,7 @@ from .bench_split import split, split_cases, split_table
 from .bench_table import Timed, Truth, scaling, speed_error
 from .bench_work import First, again, first, threads
 from .benches.analytic_ import roofline
-from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure
+from .engine import REFERENCE, DynamicsResult, Engine, EngineError, Failure, crashed
 from .problem import pose
 from .processes import Workers, dynamics
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id, provenance, require_determinate
@@ -167,6 +167,9 @@ def bench(
         "roofline": None if isinstance(limits, Failure) else limits,
         "without_sweep": [name for name in chosen if name not in sweep_names()],
         **verdict(found),
+        "crashed": crashed(
+            [*((case.engine, r) for r_of in (found, watched) for case, r in r_of.items()), *libraries.items()]
+        ),
     }
     report = BenchReport(speed_error(scene, found), scaling(scene, found), split_table(watched), info)
     info["status"] = report.status

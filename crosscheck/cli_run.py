@@ -34,8 +34,8 @@ def run(
 ) -> int:
     """Compare engines on one scene along one trajectory.
 
-    Writes agreement.csv, samples.csv and run.json. Exit status: 0 all agree, 1 a disagreement, 2 unusable input,
-    3 an engine failed to run, 4 an internal error.
+    Writes agreement.csv, margins.csv, samples.csv and run.json. Exit status: 0 all agree, 1 a disagreement,
+    2 unusable input, 3 an engine failed to run, 4 an internal error.
     """
     if trajectory is not None and samples is not None:
         raise typer.BadParameter(

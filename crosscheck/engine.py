@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, entry_points, version
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, TypeGuard
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol, Self, TypeGuard
 
 import numpy as np
 
+from ..models.reading import printable
 from ..models.scene import Scene
 from . import engines, wrench
 
@@ -111,13 +112,33 @@ class DynamicsResult:
 
 @dataclass(frozen=True)
 class Failure:
-    """An engine that did not run, and why."""
+    """An engine that did not run, and why, on one line."""
 
     reason: str
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "reason", printable(self.reason))
+
+    def about(self, what: str) -> Self:
+        """The same, and what was asked for."""
+        return replace(self, reason=f"{what}: {self.reason}")
+
 
 class Died(Failure):
-    """An engine whose process ended without an answer: a crash, or a time-out."""
+    """An engine whose process ended without an answer."""
+
+
+class Crashed(Died):
+    """One that ended by itself, was killed, or could not start."""
+
+
+class Late(Died):
+    """One that was ended, because it had no answer within its time limit."""
+
+
+def crashed(outcomes: Iterable[tuple[str, object]]) -> list[str]:
+    """Engines that crashed, sorted, from outcomes by the engine's name."""
+    return sorted({name for name, outcome in outcomes if isinstance(outcome, Crashed)})
 
 
 class Engine(Protocol):

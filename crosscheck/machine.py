@@ -10,7 +10,7 @@ from pathlib import Path
 def machine() -> dict[str, object]:
     """System, processor and its model, cores (of the machine, and those this process may use), memory [GiB]."""
     return {
-        "system": platform.platform(),
+        "system": " ".join([platform.system(), platform.release().split("-")[0], *platform.libc_ver()]),
         "processor": platform.machine(),
         "model": cpu_model(),
         "cores": os.cpu_count(),

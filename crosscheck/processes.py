@@ -7,12 +7,14 @@ import multiprocessing
 import os
 import pickle
 import re
+import resource
 import signal
 import tempfile
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -23,23 +25,50 @@ from ..models.scene import Scene
 from .checks import inverse_dynamics
 from .engine import (
     REFERENCE,
-    Died,
+    Crashed,
     DynamicsResult,
     Engine,
     EngineError,
     Failure,
     Key,
+    Late,
     is_forward,
     load_engine,
     require_complete,
 )
+from .limited import end_with, held
+from .ranges import out_of_range
 from .trajectory import Trajectory
 
 T = TypeVar("T")
 K = TypeVar("K")
 
+MOST = 200
+"""Letters of what a library says that a reason repeats: of a wrong argument some print every number."""
+
 SECONDS, SECONDS_PER_SAMPLE = 60.0, 0.05
 """Time limit of one engine: some hundred times what the slowest needs here."""
+
+
+def _end_with_parent() -> None:
+    """What a worker does first."""
+    if (parent := multiprocessing.parent_process()) and parent.pid:
+        end_with(parent.pid)
+
+
+def failure_of(e: BaseException) -> Failure:
+    """What something that was raised in an engine's process says."""
+    if not isinstance(e, MemoryError):
+        return Failure(_short(f"{type(e).__name__}: {e}"))
+    limits = [resource.getrlimit(which)[0] for which in (resource.RLIMIT_DATA, resource.RLIMIT_AS)]
+    limits = [f" (its limit is {limit / 1e9:.3g} GB)" for limit in sorted(limits) if limit != resource.RLIM_INFINITY]
+    return Failure(f"out of memory{''.join(limits[:1])}" + (f": {e}" if str(e) else ""))
+
+
+def _short(text: str) -> str:
+    """The text in one line, its beginning if it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= MOST else f"{line[:MOST]} ..."
 
 
 @contextlib.contextmanager
@@ -59,9 +88,9 @@ def _work(log: str, task: Callable[..., T], args: tuple) -> T | Failure:
         except ImportError as e:
             return Failure(f"missing package: {e}")
         except EngineError as e:
-            return Failure(str(e))
-        except Exception as e:  # whatever an engine's library raises is that engine's failure
-            return Failure(f"{type(e).__name__}: {e}")
+            return Failure(" ".join(str(e).split()))
+        except BaseException as e:  # whatever an engine's library raises, SystemExit too, is that engine's failure
+            return failure_of(e)
 
 
 def dynamics(name: str, scene: Scene, models: Mapping[str, str], motion: Path, F: np.ndarray | None) -> DynamicsResult:
@@ -80,20 +109,7 @@ def dynamics(name: str, scene: Scene, models: Mapping[str, str], motion: Path, F
     return result
 
 
-@contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes started here ignore Ctrl-C, which a terminal sends to all: this process gets it and ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals belong to the main thread
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _death(exitcode: int | None, log: str) -> str:
+def death(exitcode: int | None, log: str) -> str:
     """How a process ended that sent no answer, and what it said last, unless it was killed from outside."""
     if exitcode == -signal.SIGKILL:
         return "its process was killed by SIGKILL (by someone, or for want of memory)"
@@ -107,15 +123,20 @@ def _death(exitcode: int | None, log: str) -> str:
     return f"its process died: {how}{last}"
 
 
+def _not_started(e: RuntimeError) -> Crashed:
+    """An engine without a process, and why."""
+    return Crashed(f"its process could not be started, or died at once: {e.__cause__ or e}")
+
+
 class Workers(Generic[K]):
     """A process for each engine, which does one task after another; one that dies or is late is replaced."""
 
     def __init__(self, engines: Iterable[str], limit: float) -> None:
         # A spawned process shares nothing with this one. One pool each: no worker is shared or started in vain.
         spawn = multiprocessing.get_context("spawn")
-        self._pools = {name: ProcessPool(max_workers=1, context=spawn) for name in engines}
+        self._pools = {name: ProcessPool(1, initializer=_end_with_parent, context=spawn) for name in engines}
         self._limit = limit
-        self._running: dict[Any, tuple[K, str]] = {}
+        self._running: dict[Any, tuple[K, str, str]] = {}
         self._refused: list[tuple[K, Failure]] = []
         self._count = 0
 
@@ -143,11 +164,12 @@ class Workers(Generic[K]):
         self._count += 1
         log = str(Path(self._folder.name) / str(self._count))
         try:
-            with _interrupts_ignored():
+            resource_tracker.ensure_running()  # by itself it would do that in between, and let signals through
+            with held(signal.SIGINT):  # a terminal sends it to all: this process ends the others
                 future = self._pools[engine].schedule(_work, args=(log, task, args), timeout=self._limit)
-            self._running[future] = key, log
+            self._running[future] = key, engine, log
         except RuntimeError as e:  # no process could be started before, and none will
-            self._refused.append((key, Failure(f"{type(e).__name__}: {e}")))
+            self._refused.append((key, _not_started(e)))
 
     def ended(self) -> Iterator[tuple[K, Any]]:
         """Keys and outcomes, Failure among them, as tasks end; more of them may be started meanwhile."""
@@ -155,18 +177,23 @@ class Workers(Generic[K]):
             while self._refused:
                 yield self._refused.pop(0)
             for future in wait(self._running, return_when=FIRST_COMPLETED).done if self._running else ():
-                key, log = self._running.pop(future)
-                yield key, self._outcome(future, log)
+                key, engine, log = self._running.pop(future)
+                outcome = self._outcome(future, log)
+                if isinstance(outcome, Failure) and (why := out_of_range(load_engine(engine))):
+                    outcome = replace(outcome, reason=f"{outcome.reason} ({why})")
+                yield key, outcome
 
     def _outcome(self, future: Future, log: str) -> object:
         try:
             return future.result()
         except TimeoutError:
-            return Died(f"no answer within {self._limit:.0f} s")
+            return Late(f"no answer within {self._limit:.0f} s")
         except ProcessExpired as e:
-            return Died(_death(e.exitcode, log))
+            return Crashed(death(e.exitcode, log))
+        except BrokenProcessPool as e:
+            return _not_started(e)
         except Exception as e:  # a result that cannot be sent back
-            return Failure(f"{type(e).__name__}: {e}")
+            return failure_of(e)
 
 
 def run_engines(

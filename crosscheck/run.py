@@ -27,6 +27,7 @@ from .engine import (
     Failure,
     Key,
     UnknownEngine,
+    crashed,
     engine_names,
     engine_version,
     load_engine,
@@ -168,6 +169,7 @@ def run(
         "truth": _truth(compare.truth_of(results), len(trajectory.t)),
         "models": {n: asdict(r.model) for (n, _), r in results.items() if isinstance(r, DynamicsResult) and r.model},
         "failed": _failed(results),
+        "crashed": crashed((name, r) for (name, _), r in results.items()),
     }
     report = Report(scene, trajectory, table, results, info)
     info["status"] = report.status
@@ -182,7 +184,7 @@ def provenance(
         "run_id": run_id,
         "started": started.isoformat(),
         "command": sys.argv,
-        "versions": _versions(engines),
+        "versions": versions(engines),
         "machine": machine(),
         **({"scene": {"name": scene.name, "sha256": scene.sha256}} if scene else {}),
     }
@@ -219,7 +221,8 @@ def _truth(result: DynamicsResult | Failure, nt: int) -> dict:
     return {"samples": len(result.samples), "of": nt, "seed": SEED}
 
 
-def _versions(engines: Mapping[str, type[Engine] | Failure]) -> dict[str, str | None]:
+def versions(engines: Mapping[str, type[Engine] | Failure]) -> dict[str, str | None]:
+    """Versions of Python and of the packages that results hang on."""
     packages = ("stewart-crosscheck", "numpy", "scipy", "pandas")
     found: dict[str, str | None] = {"python": platform.python_version()}
     found |= {name: version(name) for name in packages}

@@ -15,6 +15,7 @@ from .engine import (
     REFERENCE,
     DynamicsResult,
     Failure,
+    crashed,
     engine_version,
 )
 from .engines.analytic_ import AnalyticEngine
@@ -150,6 +151,7 @@ def simulate(
             for (name, m), r in results.items()
             if isinstance(r, Failure) and not m.unsupported
         ],
+        "crashed": crashed((key[0], r) for key, r in [*results.items(), *accelerated.items(), ((REFERENCE,), truth)]),
     }
     report = SimulationReport(problem, rows, results, info)
     info["status"] = report.status

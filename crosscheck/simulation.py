@@ -198,7 +198,7 @@ def table(
             "dt": method.dt(problem),
             "against": "",
         }
-        row |= dict.fromkeys(NUMBERS, np.nan) | {"tolerance_name": "", "verdict": ERROR, "reason": ""}
+        row |= dict.fromkeys(NUMBERS, np.nan) | {"tolerance_name": "", "verdict": ERROR, "wrong": "", "reason": ""}
         if method.unsupported:
             row |= {"verdict": UNSUPPORTED, "reason": method.unsupported}
         elif isinstance(result, Failure):
@@ -207,7 +207,9 @@ def table(
             row["reason"] = "no analytic solution to compare with"
         else:
             numbers, wrong = judge(problem, solution, (name, method), results, accelerated.get((name, method.route)))
-            row |= numbers | ({"verdict": FAIL, "reason": "; ".join(wrong.values())} if wrong else {})
+            row |= numbers | (
+                {"verdict": FAIL, "wrong": " ".join(wrong), "reason": "; ".join(wrong.values())} if wrong else {}
+            )
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from .certainty import Certain
-from .engine import REFERENCE, Engine, Failure
+from .engine import REFERENCE, Engine, Failure, crashed
 from .hard import Case, Point, TimeCase, family_names, load_family
 from .outcome import NO_DIGITS, SILENT, Place, judge
 from .processes import Workers
@@ -107,7 +107,7 @@ def stress(
     motions = {case: family for family, case in _cases(families) if isinstance(case, TimeCase)}
     started, begun = datetime.now(UTC), perf_counter()
     able = {name: engine for name, engine in chosen.items() if not isinstance(engine, Failure)}
-    failed = {name: engine.reason for name, engine in chosen.items() if isinstance(engine, Failure)}
+    failed = [(name, engine) for name, engine in chosen.items() if isinstance(engine, Failure)]
     found = _ask(posed, able, failed, done)
     rows = [row for name, p in posed.items() for row in _rows(p, able, found[name])]
     by_name = {case.name: family for case, family in motions.items()}
@@ -123,7 +123,8 @@ def stress(
         "plan": plan._asdict(),
         "silent_of_ours": _points(ours[ours["outcome"] == SILENT]),
         "without_digits_of_ours": _points(ours[ours["reason"].str.startswith(NO_DIGITS)]),
-        "failed": failed,
+        "failed": {name: failure.reason for name, failure in reversed(failed)},
+        "crashed": crashed(failed),
     }
     report = StressReport(table, info)
     info["status"] = report.status
@@ -142,12 +143,12 @@ Found = dict[str, list[Any]]
 def _ask(
     posed: Mapping[str, _Posed],
     engines: Mapping[str, type[Engine]],
-    failed: dict[str, str],
+    failed: list[tuple[str, Failure]],
     done: Callable[[str, int], None],
 ) -> dict[str, Found]:
     """What engines and reference say of every point, by case; a task that dies is done again point by point.
 
-    ``failed``: gets the first reason of each engine that died or was late even so.
+    ``failed``: gets the engines that failed even so, and how.
     """
     found: dict[str, Found] = {
         name: {engine: [None] * len(p.points) for engine in engines} for name, p in posed.items()
@@ -173,7 +174,7 @@ def _ask(
             else:
                 parts = [outcome] if isinstance(outcome, Failure) else outcome
                 if isinstance(outcome, Failure):
-                    failed.setdefault(task.engine, f"{task.case}: {outcome.reason}")
+                    failed.append((task.engine, outcome.about(task.case)))
                 for k, part in zip(task.values, parts, strict=True):
                     found[task.case][task.engine][k] = part
             done(f"{posed[task.case].family}: {task.case} {task.engine}", total)

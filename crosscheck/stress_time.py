@@ -88,11 +88,22 @@ class _Posed:
             )
 
 
+def label(method: Method) -> str:
+    """What the route of a method is called: its integrators share it, but for what they add."""
+    return method.route + "".join(method.integrator.partition(" + ")[1:])
+
+
+def labels(case: TimeCase, name: str, engine: type[Engine], every: int = 1) -> set[str]:
+    """Routes of an engine that have rows in a case, at one value of the parameter or another."""
+    values = (*case.values[:-1][::every], case.values[-1])
+    return {label(own) for value in values for own, _ in _Posed.of(case, value).pairs(name, engine)}
+
+
 def time_rows(
     cases: Sequence[TimeCase],
     engines: Mapping[str, type[Engine]],
     every: int = 1,
-    failed: dict[str, str] | None = None,
+    failed: list[tuple[str, Failure]] | None = None,
     done: Callable[[str, int], None] = lambda line, total: None,
 ) -> list[dict[str, Any]]:
     """Rows of `stress` for hard motions: every method of every engine at every value.
@@ -102,7 +113,7 @@ def time_rows(
     cases : hard motions.
     engines : classes by name; without the reference no answer can be told right from wrong.
     every : so many-th value of a parameter is taken, and the last one.
-    failed : gets the first reason of each engine whose process died or was late.
+    failed : gets the engines whose process crashed or was late, and how.
     done : called with a line for people and the number of all tasks, after each of them.
     """
     posed = {
@@ -136,7 +147,7 @@ def time_rows(
         for task, result in workers.ended():
             found[task] = result
             if failed is not None and isinstance(result, Died):
-                failed.setdefault(task.engine, f"{task.case}: {result.reason}")
+                failed.append((task.engine, result.about(task.case)))
             done(f"in_time: {task.case} {posed[task.case, task.value].value:g} {task.engine}", len(tasks))
     rows = []
     for key, p in posed.items():
@@ -154,7 +165,7 @@ def _rows(
     own, case = results[name, method], p.case
     which = {
         "title": case.title, "case": case.name, "parameter": case.parameter, "value": p.value, "engine": name,
-        "route": method.route + "".join(method.integrator.partition(" + ")[1:]), "problem": "in time",
+        "route": label(method), "problem": "in time",
     }  # fmt: skip
     nothing = {"max_rel_error": np.nan, "input_sensitivity": np.nan, "condition": np.nan}
     if isinstance(true, TrueMotion):

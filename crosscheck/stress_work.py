@@ -21,6 +21,7 @@ from .engine import (
 )
 from .hard import FORWARD, INVERSE, Accelerated, Point
 from .native import SolverEngine, growth_of_rounding
+from .processes import failure_of
 from .trajectory import Trajectory, TrajectoryError, instant
 
 
@@ -37,13 +38,15 @@ Answer = DynamicsResult | Accelerated
 
 
 def attempt(task: Callable[..., Any], *args: Any) -> Any:
-    """What a task returns, or a Failure with what it raised."""
+    """What a task returns, or a Failure with what it raised; a missing package is no answer to what was asked."""
     try:
         return task(*args)
+    except ImportError:
+        raise
     except (EngineError, TrajectoryError) as e:
         return Failure(str(e))
     except Exception as e:  # whatever a library raises: loud, and no answer
-        return Failure(f"{type(e).__name__}: {e}")
+        return failure_of(e)
 
 
 def certain(points: Sequence[Point]) -> list[dict[str, Certain | Failure]]:

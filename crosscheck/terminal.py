@@ -11,7 +11,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..models.reading import printable
 
 Scene = Annotated[str, typer.Argument(help="A built-in scene (see `crosscheck scenes`) or the path of a TOML file.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results. Default: runs/RUN_ID.")]
@@ -32,13 +34,14 @@ def console(stderr: bool = False) -> Console:
 
 def plain(to: Console, line: str) -> None:
     """A line as it is, of any length."""
-    to.print(line, highlight=False, markup=False, soft_wrap=True)
+    to.print(printable(line), highlight=False, markup=False, soft_wrap=True)
 
 
 def say(message: str) -> None:
     """A message on stderr."""
     with contextlib.suppress(OSError):  # stderr may be closed or full: the exit status still tells
-        print(f"crosscheck: {message}", file=sys.stderr, flush=True)
+        lines = "\n".join(map(printable, message.split("\n")))
+        print(f"crosscheck: {lines}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -60,3 +63,21 @@ def steps(starting: str, to: Console) -> Iterator[Callable[[str, int], None]]:
                 said.add(stage)
 
         yield done
+
+
+@contextlib.contextmanager
+def one_by_one(total: int, to: Console) -> Iterator[tuple[Callable[[str], None], Callable[[str], None]]]:
+    """A bar of things that are done one after another.
+
+    Hands out what to call with the name of one that starts, and with a line for people when it has ended. The lines
+    stay, on a terminal and in a log.
+    """
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+    with Progress(*columns, console=to, transient=True, disable=not to.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+
+        def done(line: str) -> None:
+            plain(to, line)
+            bar.update(task, advance=1, description="")
+
+        yield lambda name: bar.update(task, description=name), done

@@ -8,11 +8,15 @@ import numpy as np
 
 
 class Tolerance(NamedTuple):
-    """A bound on an error over its scale, its name in the tables, and why it has this value."""
+    """A bound on an error over its scale, its name in the tables, and why it has this value.
+
+    ``rounding``: the largest error that was measured where nothing was wrong; what changes below it says nothing.
+    """
 
     name: str
     value: float
     why: str
+    rounding: float
 
 
 ROUND_OFF = Tolerance(
@@ -20,17 +24,20 @@ ROUND_OFF = Tolerance(
     1e-13,
     "float64 through one direct solve: every route was measured below 3e-15 at a condition of 8, so below 2e-14 at the"
     " 40 that is still called easy, with some room for other machines; a mass off by 1e-6 of itself lies at 1e-8",
+    3e-15,
 )
 CLOSURE = Tolerance(
     "closure",
     1e-14,
     "positions, velocities and accelerations of two points of one model: rounding of some ten operations, measured"
     " below 2e-15",
+    2e-15,
 )
 RADIUS = Tolerance(
     "proven_radius",
     1e-15,
     "the balls are narrower than 1e-20; what is left is the rounding to float64, 2e-16 for three components",
+    2e-16,
 )
 
 FEASIBLE = 1e-13
@@ -52,23 +59,27 @@ FOLLOWS = Tolerance(
     1e-11,
     "m and rad in the first second, then growing with time, and as a small error of this motion does: adaptive steps"
     " near round-off were measured at 4e-14 to 7e-13; steps of any size have the same rounding",
+    7e-13,
 )
 ENERGY = Tolerance(
     "energy",
     1e-11,
     "of the energy exchanged: a hundred steps near round-off; it measures 3e-14 on the hexapod and 2e-13 in the plane",
+    2e-13,
 )
 QUADRATURE = Tolerance(
     "quadrature",
     1e-9,
     "of the energy exchanged: the work of an engine is a quintic spline through the power at a hundred times a second,"
     " measured at 1e-10",
+    1e-10,
 )
 ACCELERATIONS = Tolerance(
     "accelerations",
     1e-12,
     "of the largest tip acceleration: two solutions in a row, with M and with J M^-1 J^T, whose condition is a few"
     " hundred; measured below 2e-14",
+    2e-14,
 )
 
 NEAR = 0.1

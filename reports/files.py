@@ -20,13 +20,16 @@ AGREEMENT_COLUMNS = [
     "max_abs", "rms", "max_rel", "scale", "tolerance", "tolerance_name", "verdict", "us_per_sample",
 ]  # fmt: skip
 
+MARGIN_COLUMNS = ["engine", "route", "quantity", "margin", "verdict", "where", "reason"]
+"""``margin``: the error over its tolerance where that is largest; empty if there is no error."""
+
 SAMPLE_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "value", "radius"]
 
 SIMULATION_COLUMNS = [
     "run_id", "scene", "engine", "engine_version", "route", "setting", "integrator", "dt", "against", "pose_error",
     "rotation_error", "order", "judged_until", "loop_gap", "energy_defect", "wall_per_second", "a_error", "alpha_error",
     "growth_mean", "growth_max", "amplification", "tolerance_pose", "tolerance_rotation", "tolerance_name", "verdict",
-    "reason",
+    "wrong", "reason",
 ]  # fmt: skip
 
 
@@ -72,6 +75,8 @@ def _whole(folder: Path) -> Iterator[Path]:
         staging = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=home))
         yield staging
         staging.chmod(0o755)
+        for file in (*staging.iterdir(), staging):
+            sync(file)
         try:
             _publish(staging, path)
         except OSError:
@@ -84,6 +89,10 @@ def _whole(folder: Path) -> Iterator[Path]:
             raise OutputError(
                 f"--out {folder}: another run filled it meanwhile; the results of this one are in {kept}"
             ) from None
+        finally:
+            for parent in (home, *(parent.parent for parent in made)):
+                with contextlib.suppress(OSError):  # the results are there, whatever the system promises about them
+                    sync(parent)
     except OSError as e:
         raise OutputError(f"--out {folder}: {e.strerror or e}; nothing was written") from None
     finally:
@@ -92,6 +101,27 @@ def _whole(folder: Path) -> Iterator[Path]:
         for parent in made:
             with contextlib.suppress(OSError):  # it holds the results
                 parent.rmdir()
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the list of a folder's entries, lies on the disk: a rename is not before what it names."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """A text file that is there whole, or as it was before. Raises OSError."""
+    temporary = path.with_name(f".{path.name}-{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        sync(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync(path.parent)
 
 
 def _publish(staging: Path, folder: Path) -> None:
@@ -114,9 +144,11 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
 
 
 def write_run(folder: Path, agreement: pd.DataFrame, samples: Iterable[pd.DataFrame], info: Mapping[str, Any]) -> None:
-    """agreement.csv, samples.csv (17 significant digits, block by block) and run.json. Raises OutputError."""
+    """agreement.csv, margins.csv, samples.csv (17 significant digits, block by block), run.json. Raises OutputError."""
     with _whole(folder) as staging:
         agreement[AGREEMENT_COLUMNS].to_csv(staging / "agreement.csv", index=False)
+        margins = agreement.rename(columns={"share": "margin"})[MARGIN_COLUMNS]
+        margins.to_csv(staging / "margins.csv", index=False)
         with open(staging / "samples.csv", "w", encoding="utf-8", newline="") as file:
             file.write(",".join(SAMPLE_COLUMNS) + "\n")
             for block in samples:

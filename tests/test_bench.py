@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -164,8 +165,22 @@ def test_an_engine_that_fails_keeps_its_rows_and_stops_nobody(hexapod: Scene, mo
     (failed,) = report.info["failed"]
     assert failed["engine"] == "mujoco"
     assert failed["reason"] == "mujoco: no knob 'softness'"
+    assert report.info["crashed"] == []
     assert report.speed_error["us_per_sample"].isna().tolist() == [True, False]
     assert report.speed_error["ratio_to_fastest"].isna().tolist() == [True, False]
+
+
+def _crash(*args: object) -> None:
+    os.abort()
+
+
+def test_an_engine_that_crashes_is_told(hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = Case("driving_forces", "analytic", "closed_form", "numpy", "(7)-(8)", 10, exact=True)
+    monkeypatch.setattr(benching, "plan_cases", lambda *_: [good])
+    monkeypatch.setattr(benching, "first", _crash)
+    report = bench(hexapod, plan=TINY)
+    assert report.status == 3
+    assert report.info["crashed"] == ["analytic"]
 
 
 def test_without_truth_nothing_is_measured(hexapod: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,12 +14,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stewart_crosscheck.reports import AGREEMENT_COLUMNS, OutputError, files, require_free, write_files, write_run
+from stewart_crosscheck.reports import (
+    AGREEMENT_COLUMNS,
+    MARGIN_COLUMNS,
+    OutputError,
+    files,
+    require_free,
+    write_files,
+    write_run,
+)
 
-NAMES = {"agreement.csv", "samples.csv", "run.json"}
+NAMES = {"agreement.csv", "margins.csv", "samples.csv", "run.json"}
 SAMPLES_COLUMNS = ["engine", "route", "t", "leg", "quantity", "component", "value", "radius"]
 
-AGREEMENT = pd.DataFrame([dict.fromkeys(AGREEMENT_COLUMNS, "x") | {"max_abs": 0.1, "where": "leg 1", "reason": "none"}])
+AGREEMENT = pd.DataFrame(
+    [dict.fromkeys(AGREEMENT_COLUMNS, "x") | {"max_abs": 0.1, "share": 0.25, "where": "leg 1", "reason": "none"}]
+)
 INFO = {"run_id": "a run", "status": 0}
 
 
@@ -44,7 +54,7 @@ def value_in(folder: Path) -> float:
 # --- What is written --------------------------------------------------------------------------------------------------
 
 
-def test_a_run_is_three_files_and_nothing_else(tmp_path: Path) -> None:
+def test_a_run_is_four_files_and_nothing_else(tmp_path: Path) -> None:
     write(tmp_path / "new" / "run")
     assert names(tmp_path) == {"new"}
     assert names(tmp_path / "new") == {"run"}
@@ -55,6 +65,17 @@ def test_a_run_is_three_files_and_nothing_else(tmp_path: Path) -> None:
 def test_agreement_has_the_published_columns_only(tmp_path: Path) -> None:
     write(tmp_path / "run")
     assert list(pd.read_csv(tmp_path / "run" / "agreement.csv").columns) == AGREEMENT_COLUMNS
+
+
+def test_margins_have_the_row_s_place_and_reason(tmp_path: Path) -> None:
+    write(tmp_path / "run")
+    (row,) = pd.read_csv(tmp_path / "run" / "margins.csv").to_dict("records")
+    assert row == dict.fromkeys(("engine", "route", "quantity", "verdict"), "x") | {
+        "margin": 0.25,
+        "where": "leg 1",
+        "reason": "none",
+    }
+    assert list(row) == MARGIN_COLUMNS
 
 
 def test_blocks_of_samples_follow_one_header_with_17_digits(tmp_path: Path) -> None:
@@ -91,7 +112,7 @@ def test_an_error_among_the_samples_leaves_nothing(tmp_path: Path, error: type[B
 
     with pytest.raises(error, match="in the middle"):
         write_run(tmp_path / "new" / "run", AGREEMENT, samples(), INFO)
-    assert seen == [{"agreement.csv", "samples.csv"}]  # it was at work when it failed
+    assert seen == [NAMES - {"run.json"}]  # it was at work when it failed
     assert names(tmp_path) == set()
 
 
@@ -105,9 +126,9 @@ def test_an_error_among_the_samples_leaves_an_empty_folder_empty(tmp_path: Path)
     assert names(tmp_path) == set()
 
 
-@pytest.mark.parametrize("failing", [1, 2, 3])
+@pytest.mark.parametrize("failing", [1, 2, 3, 4])
 def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int) -> None:
-    """The first, second or third table does not fit."""
+    """The first, second, third or fourth table does not fit."""
     calls = [0]
 
     def until_full(write: Callable[..., object]) -> Callable[..., object]:
@@ -124,6 +145,45 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     folder = tmp_path / "new" / "run"
     with pytest.raises(OutputError, match=f"^--out {folder}: No space left on device; nothing was written$"):
         write_run(folder, AGREEMENT, [block(1.0), block(2.0)], INFO)
+    assert names(tmp_path) == set()
+
+
+@pytest.mark.parametrize("place", ["new/er/run", "empty"])
+def test_everything_lies_on_the_disk_before_the_name_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """A power cut leaves no folder with that name, or all of it: files, then their folder, the rename, who names it."""
+    (tmp_path / "empty").mkdir()
+    did: list[str] = []
+    fsync, rename = os.fsync, os.rename
+
+    def synced(descriptor: int) -> None:
+        did.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+        fsync(descriptor)
+
+    def renamed(source: Path, target: Path) -> None:
+        did.append(f"rename to {target}")
+        rename(source, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "rename", renamed)
+    folder = tmp_path / place
+    write(folder)
+    first = next(i for i, what in enumerate(did) if what.startswith("rename"))
+    last = max(i for i, what in enumerate(did) if what.startswith("rename"))
+    *before, staging = did[:first]
+    assert sorted(before) == sorted(f"{staging}/{name}" for name in NAMES)
+    assert Path(staging).parent == (folder if place == "empty" else folder.parent)
+    assert did[last + 1 :] == [str(folder)] if place == "empty" else [str(folder.parent), str(tmp_path)]
+
+
+def test_a_disk_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(descriptor: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises(OutputError, match=r"Input/output error; nothing was written$"):
+        write(tmp_path / "new" / "run")
     assert names(tmp_path) == set()
 
 

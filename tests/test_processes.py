@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
+import secrets
 import signal
 import subprocess
 import sys
@@ -11,19 +13,31 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from stewart_crosscheck.analytic import stewart
-from stewart_crosscheck.crosscheck import processes
+from stewart_crosscheck.crosscheck import processes, ranges
 from stewart_crosscheck.crosscheck import run as run_module
-from stewart_crosscheck.crosscheck.engine import DynamicsResult, Failure, UnknownEngine, engine_names, load_engine
+from stewart_crosscheck.crosscheck.cli import engines
+from stewart_crosscheck.crosscheck.engine import (
+    DynamicsResult,
+    EngineError,
+    Failure,
+    UnknownEngine,
+    crashed,
+    engine_names,
+    engine_version,
+    load_engine,
+)
+from stewart_crosscheck.crosscheck.ranges import out_of_range
 from stewart_crosscheck.crosscheck.run import ENGINE_FAILED, choose_engines, require_determinate, run
 from stewart_crosscheck.crosscheck.trajectory import Trajectory, from_scene
 from stewart_crosscheck.models import Scene, SceneError
 
 PLUGIN = """
-import dataclasses, os, time
+import dataclasses, os, resource, time
 import numpy as np
 from stewart_crosscheck.crosscheck.engine import EngineError
 from stewart_crosscheck.crosscheck.engines.analytic_ import AnalyticEngine
@@ -43,6 +57,17 @@ class Hang(Base):
         time.sleep(600)
     def simulate(self, problem, method):
         time.sleep(600)
+
+class Hungry(Base):
+    name = "hungry"
+    def inverse_dynamics(self, trajectory):
+        resource.setrlimit(resource.RLIMIT_DATA, (3 * 10**9, resource.RLIM_INFINITY))
+        return np.ones(10**9)
+
+class Leaves(Base):
+    name = "leaves"
+    def inverse_dynamics(self, trajectory):
+        raise SystemExit(0)
 
 class Raises(Base):
     name = "raises"
@@ -92,7 +117,21 @@ class Missing(Base):
     def __init__(self, scene, models=None):
         import a_package_that_is_not_there
 """
-NAMES = ("crash", "hang", "raises", "refuses", "nothing", "fewer", "open", "unsure", "liar", "pretender", "missing")
+NAMES = (
+    "crash",
+    "hang",
+    "hungry",
+    "leaves",
+    "raises",
+    "refuses",
+    "nothing",
+    "fewer",
+    "open",
+    "unsure",
+    "liar",
+    "pretender",
+    "missing",
+)
 
 
 @pytest.fixture
@@ -124,6 +163,8 @@ def test_each_failure_is_that_engines_alone(hexapod: Scene, short: Trajectory, m
     assert set(reasons) == {*NAMES, "broken"}
     assert reasons["crash"] == "its process died: SIGABRT; it last printed: engine: about to fall over"
     assert reasons["hang"].startswith("no answer within 20 s")
+    assert reasons["hungry"].startswith("out of memory (its limit is 3 GB): Unable to allocate 7.45 GiB")
+    assert reasons["leaves"] == "SystemExit: 0"
     assert reasons["nothing"] == "nothing: got NoneType, expected a DynamicsResult"
     assert reasons["fewer"] == "fewer: F: got shape (3, 5), expected shape (3, 6)"
     assert reasons["open"] == "open: loop_pos: got nothing, expected shape (3, 6, 3)"
@@ -138,6 +179,7 @@ def test_each_failure_is_that_engines_alone(hexapod: Scene, short: Trajectory, m
     assert verdicts["analytic"] == verdicts["reference"] == {"pass"}
     assert all(verdicts[name] == {"error"} for name in reasons)
     assert report.status == ENGINE_FAILED
+    assert report.info["crashed"] == ["crash"]
     assert {name: list(f.values()) for name, f in report.info["failed"].items()} == {n: [r] for n, r in reasons.items()}
     assert sorted(ended) == sorted([*NAMES, "broken", "analytic", "reference"])
 
@@ -151,11 +193,82 @@ def test_a_plug_in_does_not_replace_a_built_in_engine() -> None:
 def test_a_killed_process_is_told_from_a_crash(tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.write_text("\x1b[1;33mWarning\x1b[0m of long ago")
-    assert processes._death(-signal.SIGKILL, str(log)).startswith("its process was killed by SIGKILL")
+    assert processes.death(-signal.SIGKILL, str(log)).startswith("its process was killed by SIGKILL")
     assert (
-        processes._death(-signal.SIGSEGV, str(log)) == "its process died: SIGSEGV; it last printed: Warning of long ago"
+        processes.death(-signal.SIGSEGV, str(log)) == "its process died: SIGSEGV; it last printed: Warning of long ago"
     )
-    assert processes._death(7, str(tmp_path / "none")) == "its process died: exit code 7"
+    assert processes.death(7, str(tmp_path / "none")) == "its process died: exit code 7"
+
+
+def test_memory_that_is_short_is_told_with_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = {resource.RLIMIT_DATA: resource.RLIM_INFINITY, resource.RLIMIT_AS: resource.RLIM_INFINITY}
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (limits[which], resource.RLIM_INFINITY))
+    assert processes.failure_of(MemoryError()) == Failure("out of memory")
+    limits[resource.RLIMIT_AS] = 4 * 10**9
+    assert processes.failure_of(MemoryError()) == Failure("out of memory (its limit is 4 GB)")
+    limits[resource.RLIMIT_DATA] = 15 * 10**8
+    assert processes.failure_of(MemoryError("1 GiB")) == Failure("out of memory (its limit is 1.5 GB): 1 GiB")
+    assert processes.failure_of(KeyError("x")) == Failure("KeyError: 'x'")
+
+
+def test_what_a_library_says_becomes_one_line_that_is_not_long() -> None:
+    """A wrong argument: some print every number of it."""
+    reason = processes.failure_of(
+        TypeError("f(): wrong arguments.\n    1. (x: float)\nInvoked with: " + "0.0, " * 999)
+    ).reason
+    assert reason.startswith("TypeError: f(): wrong arguments. 1. (x: float) Invoked with: 0.0, 0.0, ")
+    assert reason.endswith(" ...")
+    assert len(reason) < 210
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_version_that_this_project_is_not_made_for_is_named_where_it_fails(
+    hexapod: Scene, short: Trajectory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ranges, "requires", lambda name: ["numpy>=1000,<1001", 'other>=3; extra == "dev"'])
+    report = run(hexapod, short, ["raises", "crash", "analytic"])
+    numpy = f"numpy {np.__version__} is installed, expected <1001,>=1000"
+    reasons = {name: r.reason for (name, _), r in report.results.items() if isinstance(r, Failure)}
+    assert reasons["raises"] == f"KeyError: 'joint [o1]' ({numpy})"
+    assert reasons["crash"].endswith(f"about to fall over ({numpy})")
+    assert set(reasons) == {"raises", "crash"}  # what works is not complained of
+    assert engines() == 0
+    assert "numpy>=1000" not in (shown := capsys.readouterr().out)
+    assert " ".join(shown.split()).count("is installed, expected") == len(NAMES)
+
+
+@pytest.mark.parametrize("name", ["mujoco", "pinocchio", "dart"])
+def test_a_library_of_another_version_than_its_package_is_an_error(
+    name: str, hexapod: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half an upgrade: reports would name a version that did not run."""
+    engine = load_engine(name)
+    engine(hexapod)
+    told = engine_version(engine)
+    monkeypatch.setattr(ranges, "engine_version", lambda engine: f"{told}.post1")
+    engine(hexapod)
+    monkeypatch.setattr(ranges, "engine_version", lambda engine: "1000.1")
+    with pytest.raises(EngineError, match=f"{name}: the library .* of version {told}, expected 1000.1 as its package"):
+        engine(hexapod)
+
+
+def test_installed_versions_are_those_that_this_project_is_made_for() -> None:
+    assert {name: out_of_range(load_engine(name)) for name in engine_names()} == dict.fromkeys(engine_names(), "")
+
+
+def _exit_at_start() -> None:
+    os._exit(5)
+
+
+def test_a_process_that_cannot_start_crashed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "_end_with_parent", _exit_at_start)
+    with processes.Workers[str](["analytic"], 60.0) as workers:
+        workers.start("analytic", "first", os.getpid)
+        outcomes = dict(workers.ended())
+        workers.start("analytic", "second", os.getpid)
+        outcomes |= dict(workers.ended())
+    assert crashed(outcomes.items()) == ["first", "second"]
+    assert all("could not be started, or died at once" in outcome.reason for outcome in outcomes.values())
 
 
 @pytest.mark.usefixtures("plugins")
@@ -173,11 +286,20 @@ def test_a_disagreement_outranks_a_failure(hexapod: Scene, short: Trajectory, mo
 
 @pytest.mark.usefixtures("plugins")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["run", "simulate --duration 0.02"])
+@pytest.mark.parametrize(
+    ("command", "begun"),  # in any order, while one hangs, or while there is much to do
+    [
+        ("run --samples 3", {"analytic", "reference"}),
+        ("simulate --duration 0.02 --samples 3", {"analytic", "reference"}),
+        ("stress --family steep --quick", {"steep"}),
+        ("bench --quick", {"round"}),
+    ],
+    ids=lambda value: value.split()[0] if isinstance(value, str) else "",
+)
 def test_an_interrupted_command_writes_nothing_and_leaves_no_process(
-    command: str, number: signal.Signals, tmp_path: Path
+    command: str, begun: set[str], number: signal.Signals, tmp_path: Path
 ) -> None:
-    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck", *command.split(), "--samples", "3", "--out", "out"]
+    argv = [sys.executable, "-m", "stewart_crosscheck.crosscheck", *command.split(), "--out", "out"]
     running = subprocess.Popen(
         [*argv, "--engine", "hang", "--engine", "analytic"],
         env=os.environ | {"PYTHONPATH": str(tmp_path), "TMPDIR": str(tmp_path)},
@@ -188,8 +310,8 @@ def test_an_interrupted_command_writes_nothing_and_leaves_no_process(
         start_new_session=True,
     )
     assert running.stderr is not None
-    ended = {running.stderr.readline().split()[0], running.stderr.readline().split()[0]}
-    assert ended <= {"analytic", "reference"}  # while one hangs
+    said = {running.stderr.readline().split(":")[0].split()[0] for _ in begun}
+    assert said <= begun
     os.killpg(running.pid, number)  # as a terminal does: to all processes of the command
     _, rest = running.communicate(timeout=60)
     assert running.returncode == 130
@@ -228,6 +350,49 @@ def test_processes_that_only_just_start_do_not_hear_an_interrupt(tmp_path: Path)
     os.killpg(running.pid, signal.SIGINT)
     _, err = running.communicate(timeout=60)
     assert (running.returncode, err) == (130, "crosscheck: interrupted; nothing was written\n")
+
+
+def _processes_with(mark: str) -> list[str]:
+    """Processes whose environment has it."""
+    found = []
+    for environ in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            if mark.encode() in environ.read_bytes():
+                found.append(environ.parent.name)
+    return found
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_command_that_is_killed_takes_its_engines_along(tmp_path: Path) -> None:
+    mark = f"MARK={secrets.token_hex(16)}"
+    command = [sys.executable, "-m", "stewart_crosscheck.crosscheck", "run", "--samples", "3", "--engine", "hang"]
+    running = subprocess.Popen(
+        command,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "TMPDIR": str(tmp_path), "MARK": mark.removeprefix("MARK=")},
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stderr is not None
+    assert running.stderr.readline().startswith("reference certified done")  # while one hangs
+    assert len(_processes_with(mark)) >= 3
+    running.kill()
+    running.communicate(timeout=60)
+    deadline = time.monotonic() + 60  # the engine would sleep ten times that
+    while _processes_with(mark) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _processes_with(mark)
+
+
+def test_a_process_whose_parent_is_gone_before_it_starts_ends_too() -> None:
+    """The system tells only of an end that is still to come."""
+    script = (
+        "import multiprocessing, os; from stewart_crosscheck.crosscheck import processes\n"
+        "multiprocessing.parent_process = lambda: type('Gone', (), {'pid': 1 << 30})\n"
+        "processes._end_with_parent(); print('still there')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (-signal.SIGKILL, "")
 
 
 def _alive(group: int) -> list[str]:

@@ -573,6 +573,7 @@ def test_a_failure_is_that_engines_alone(hexapod: Scene) -> None:
     assert verdicts(report)["analytic", "closed_form"] == {"pass"}
     assert report.status == 3
     assert {f["engine"]: f["reason"] for f in report.info["failed"]} == reasons
+    assert report.info["crashed"] == ["crash", "killed"]
 
 
 @pytest.mark.usefixtures("plugins")
@@ -584,6 +585,7 @@ def test_an_engine_that_hangs_is_late(hexapod: Scene, monkeypatch: pytest.Monkey
     late = report.simulation.set_index("engine").loc["hang"]
     assert (late["verdict"], late["reason"]) == ("error", "no answer within 2 s")
     assert report.status == 3
+    assert report.info["crashed"] == []
     assert not multiprocessing.active_children()
 
 

@@ -17,7 +17,8 @@ from stewart_crosscheck.crosscheck.hard import UnknownFamily, decades, family_na
 from stewart_crosscheck.crosscheck.outcome import ACCURATE, REFUSED, SILENT
 from stewart_crosscheck.crosscheck.run import DISAGREE, ENGINE_FAILED
 from stewart_crosscheck.crosscheck.stress import FULL, QUICK, Plan, pose, stress
-from stewart_crosscheck.reports.stress import STRESS_COLUMNS
+from stewart_crosscheck.crosscheck.units.stress_ import checks
+from stewart_crosscheck.reports.stress import STRESS_COLUMNS, write_stress
 
 FAMILY = '''
 """A family that is no more than a mass."""
@@ -110,7 +111,12 @@ class Heavy(AnalyticEngine):
         answer = super().form(problem, route, row, F)
         if mass > 50.0 and problem == "forward":
             answer.platform[:] *= 1.0 + 1e-9
-        return answer"""
+        return answer
+
+class Absent(AnalyticEngine):
+    name, package, route = "absent", "numpy", "closed_form"
+    def __init__(self, scene, models=None):
+        import a_package_that_is_not_there"""
 
 
 @pytest.fixture
@@ -122,6 +128,7 @@ def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: heavy\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[stewart_crosscheck.engines]\nheavy = heavy_engines:Heavy\ngone = heavy_engines:Missing\n"
+        "absent = heavy_engines:Absent\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
 
@@ -136,16 +143,22 @@ def test_a_killed_engine_refuses_where_it_dies_and_nowhere_else(tiny: str) -> No
     assert set(table.loc[table["outcome"] == SILENT, "problem"]) == {"forward"}
     assert report.info["silent_of_ours"] == 4  # forms of the forward problem
     assert signal.SIGKILL.name in report.info["failed"]["heavy"]
+    assert report.info["crashed"] == ["heavy"]
     assert report.status == DISAGREE
+
+
+def _crash(*args: object) -> None:
+    os.abort()
 
 
 def test_without_truth_nobody_is_judged(tiny: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reference that cannot be run says nothing about the engines."""
-    monkeypatch.setattr(stress_module, "certain", os.abort)
+    monkeypatch.setattr(stress_module, "certain", _crash)
     report = stress([tiny], ["analytic"], QUICK)
     assert set(report.table["outcome"]) == {REFUSED}
     assert report.table["reason"].str.contains("the reference failed").all()
     assert "reference" in report.info["failed"]
+    assert report.info["crashed"] == ["reference"]
     assert report.status == ENGINE_FAILED
 
 
@@ -153,5 +166,19 @@ def test_without_truth_nobody_is_judged(tiny: str, monkeypatch: pytest.MonkeyPat
 def test_an_engine_that_cannot_be_loaded_is_told(tiny: str) -> None:
     report = stress([tiny], ["analytic", "gone"], QUICK)
     assert "Missing" in report.info["failed"]["gone"]
+    assert report.info["crashed"] == []
     assert set(report.table["engine"]) == {"analytic"}
     assert report.status == ENGINE_FAILED
+
+
+@pytest.mark.usefixtures("plugins")
+def test_a_missing_package_is_no_refusal(tiny: str, tmp_path: Path) -> None:
+    """It would pass for an engine that is careful."""
+    report = stress([tiny], ["absent", "heavy"])
+    assert "missing package: No module named 'a_package_that_is_not_there'" in report.info["failed"]["absent"]
+    assert report.info["crashed"] == ["heavy"]
+    write_stress(tmp_path / "out", report.table, report.info)
+    rows = list(checks(tmp_path / "out"))
+    assert {row["verdict"] for row in rows if row["engine"] == "absent"} == {"error"}
+    assert all("missing package" in row["reason"] for row in rows if row["engine"] == "absent")
+    assert "error" not in {row["verdict"] for row in rows if row["engine"] == "heavy"}  # it answered at other values

@@ -15,7 +15,7 @@ from stewart_crosscheck.crosscheck import stress_time
 from stewart_crosscheck.crosscheck.cases.in_time_ import CASES
 from stewart_crosscheck.crosscheck.certain_motion import certain_motion
 from stewart_crosscheck.crosscheck.credible import exchanged, require_credible
-from stewart_crosscheck.crosscheck.engine import REFERENCE, EngineError, Failure, load_engine
+from stewart_crosscheck.crosscheck.engine import REFERENCE, EngineError, Failure, crashed, load_engine
 from stewart_crosscheck.crosscheck.engines.analytic_ import AnalyticEngine
 from stewart_crosscheck.crosscheck.engines.reference_ import NotCertified
 from stewart_crosscheck.crosscheck.hard import Passage, TimeCase
@@ -353,6 +353,8 @@ def test_late_answers_are_refusals(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress_time, "LIMIT", 0.01)
     rows = time_rows([ONE], {n: load_engine(n) for n in ("analytic", REFERENCE)})
     assert {(r["outcome"], r["reason"].split(": ")[-1]) for r in rows} == {(REFUSED, "no answer within 0 s")}
-    late = {}
+    late: list[tuple[str, Failure]] = []
     time_rows([ONE], {n: load_engine(n) for n in ("analytic", REFERENCE)}, failed=late)
-    assert set(late) == {"analytic", REFERENCE}
+    assert {name for name, _ in late} == {"analytic", REFERENCE}
+    assert all(failure.reason == "one: no answer within 0 s" for _, failure in late)
+    assert crashed(late) == []

@@ -15,6 +15,7 @@ from ..engine import EngineError, Law, ModelFacts, require_finite
 from ..kkt import Assembly, Loops, State, Terms, tree_facts
 from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
+from ..ranges import require_version
 from ..stepping import Seen, SteppingEngine
 from ..time_step import defects
 from ..trajectory import Trajectory
@@ -54,7 +55,7 @@ class DartEngine(SteppingEngine):
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import dartpy
 
-        self.dart: Any = dartpy
+        self.dart: Any = require_version(type(self), dartpy)
         self.scene = scene
         models = models or write_models(scene)
         closures = json.loads(models[f"{scene.name}.loops.json"])

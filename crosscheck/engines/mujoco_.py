@@ -20,6 +20,7 @@ from ..engine import EngineError, Law, ModelFacts
 from ..kkt import Assembly, Loops, State, Terms
 from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
+from ..ranges import require_version
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
 from .mujoco_steps import forward, only, own_steps, require_connected, require_motors
@@ -53,7 +54,7 @@ class MujocoEngine(SteppingEngine):
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import mujoco
 
-        self.mj: Any = mujoco
+        self.mj: Any = require_version(type(self), mujoco)
         self.scene = scene
         try:
             self.model = mujoco.MjModel.from_xml_string((models or write_models(scene))[f"{scene.name}.xml"])

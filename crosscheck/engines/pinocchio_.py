@@ -16,6 +16,7 @@ from ..engine import EngineError, Law, ModelFacts
 from ..kkt import Assembly, Loops, State, Terms, tree_facts
 from ..native import Answer, Free, Hard, in_plane
 from ..problem import Problem, Staged
+from ..ranges import require_version
 from ..stepping import Seen, SteppingEngine
 from ..trajectory import Trajectory
 
@@ -41,7 +42,7 @@ class PinocchioEngine(SteppingEngine):
     def __init__(self, scene: Scene, models: Mapping[str, str] | None = None) -> None:
         import pinocchio as pin
 
-        self.pin: Any = pin
+        self.pin: Any = require_version(type(self), pin)
         self.scene = scene
         models = models or write_models(scene)
         closures = json.loads(models[f"{scene.name}.loops.json"])
