@@ -11,9 +11,10 @@ import numpy as np
 
 from .compiled import Compiled
 from .evaluate import REGULAR, Mechanism, Problem
-from .registers import NumPy
+from .registers import NumPy, bound
 from .samples import parts
 from .solve import ordered_numbers
+from .traced import traced
 
 
 class BackEnd(Protocol):
@@ -57,6 +58,12 @@ BACKENDS: dict[str, Callable[[Mechanism, Problem], BackEnd]] = {"numpy": NumPy, 
 def back_end(name: str, P: Mechanism, problem: Problem) -> BackEnd:
     """A back end by its name, for a machine of floats."""
     return BACKENDS[name](P, problem)
+
+
+def forget() -> None:
+    """Drop all that was made of the formulas, for whoever changes their text while it runs."""
+    for made in (back_end, bound, traced):
+        made.cache_clear()
 
 
 def answer(

@@ -62,7 +62,7 @@ class Bound(NamedTuple):
 
 
 @functools.lru_cache(maxsize=32)
-def _bound(P: Mechanism, problem: Problem, n: int, thread: int) -> Bound:
+def bound(P: Mechanism, problem: Problem, n: int, thread: int) -> Bound:
     """The program of a machine on registers of n samples, which belong to one thread."""
     program = traced(P, problem)
     registers, count = allocation(program)
@@ -102,13 +102,13 @@ class NumPy:
     def fill(self, inputs: Sequence[np.ndarray], numbers: np.ndarray) -> bool:
         """All samples at once."""
         n = numbers.shape[1]
-        bound = _bound(self.P, self.problem, n, threading.get_ident())
+        ready = bound(self.P, self.problem, n, threading.get_ident())
         columns = np.hstack([a.reshape(n, -1) for a in inputs]).T
-        for k, register in bound.inputs.items():
+        for k, register in ready.inputs.items():
             register[:] = columns[k]
-        *results, regularity = bound.results
+        *results, regularity = ready.results
         with np.errstate(all="ignore"):  # a vertical leg overflows; the regularity says so
-            for call, arrays in bound.calls:
+            for call, arrays in ready.calls:
                 call(*arrays)
             for row, x in zip(self.rows, results, strict=True):
                 numbers[row] = x
