@@ -1,4 +1,4 @@
-# make run | test | check: each sets up .venv first if needed.
+# make run | test | check | newest: each sets up .venv first if needed.
 
 PYTHON ?= python3
 PACKAGES := analytic models crosscheck reports
@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-inp
 VERSION_OK := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
 BUILD_REQUIRES := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
 
-.PHONY: setup run test check lock clean typing
+.PHONY: setup run test check newest lock clean typing
 
 setup: $(STAMP) typing
 
@@ -47,6 +47,11 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+# The newest engines that there are, also beyond the ranges in pyproject.toml: what will break, and when it did.
+newest: setup
+	$(PIP) --upgrade --only-binary :all: mujoco pin dartpy python-flint
+	$(BIN)/crosscheck engines
 
 # The newest versions that the ranges in pyproject.toml allow, for Python 3.11 and later.
 lock:

@@ -1,7 +1,8 @@
-"""The command line: run, simulate, bench, stress, audit, models, scenes, engines."""
+"""The command line: run, simulate, bench, stress, power, audit, nightly, compare, models, scenes, engines."""
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 from pathlib import Path
@@ -13,19 +14,29 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..models import SceneError, load_scene, scene_names, write_models
-from ..reports import OutputError, print_audit, require_free, write_files
+from ..reports import HistoryError, OutputError, print_audit, require_free, write_files
 from . import audit as audit_of_text
 from .cli_bench import bench
+from .cli_compare import compare
+from .cli_nightly import Interrupted, nightly
+from .cli_power import power
 from .cli_run import run
 from .cli_simulate import simulate
 from .cli_stress import stress
 from .engine import EngineError, Failure, UnknownEngine, engine_version, routes
 from .hard import UnknownFamily
+from .ranges import out_of_range
 from .run import AGREE, DISAGREE, ENGINE_FAILED, choose_engines, new_run_id
 from .terminal import Out, Scene, console, plain, say
 from .trajectory import TrajectoryError
+from .unfinished import ResumeError
+from .unit import UnknownUnit
 
 UNUSABLE, INTERNAL, INTERRUPTED = 2, 4, 130
+
+UNUSABLE_INPUT = (
+    SceneError, TrajectoryError, UnknownEngine, UnknownFamily, UnknownUnit, OutputError, HistoryError, ResumeError,
+)  # fmt: skip
 
 app = typer.Typer(
     add_completion=False,
@@ -40,6 +51,9 @@ app.command(
 )(simulate)
 app.command(epilog="Example: crosscheck bench hexapod --quick --out results")(bench)
 app.command(epilog="Example: crosscheck stress --family steep --engine mujoco --quick --out results")(stress)
+app.command(epilog="Example: crosscheck nightly --unit run-hexapod --unit audit")(nightly)
+app.command(epilog="Example: crosscheck compare runs/RUN_A runs/RUN_B --out results")(compare)
+app.command(epilog="Example: crosscheck power hexapod --engine mujoco --out results")(power)
 
 
 @app.command(epilog="Example: crosscheck audit --out results")
@@ -98,7 +112,8 @@ def engines() -> int:
         if isinstance(e, Failure):
             table.add_row(name, "-", "-", f"[red]{escape(e.reason)}[/]")
         else:
-            table.add_row(name, ", ".join(routes(e)), e.package, engine_version(e) or "[red]missing[/]")
+            wrong = out_of_range(e) if engine_version(e) else "missing"
+            table.add_row(name, ", ".join(routes(e)), e.package, f"[red]{wrong}[/]" if wrong else engine_version(e))
     console().print(table)
     return 0
 
@@ -111,14 +126,18 @@ def main() -> None:
         status = app(args=sys.argv[1:] or ["--help"], standalone_mode=False)
         if status == INTERRUPTED:
             say("interrupted; nothing was written")
-    except (SceneError, TrajectoryError, UnknownEngine, UnknownFamily, OutputError) as e:
+    except Interrupted as e:
+        say(str(e))
+        status = INTERRUPTED
+    except UNUSABLE_INPUT as e:
         say(str(e))
         status = UNUSABLE
     except typer.TyperException as e:
         say(f"{e.format_message()} (see --help)")
         status = UNUSABLE
     except OSError as e:
-        say(f"cannot write to the terminal: {e.strerror or e}")
+        short = e.errno in (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
+        say(f"cannot {'go on' if short else 'write to the terminal'}: {e.strerror or e}")
         status = INTERNAL
     except Exception:
         say("internal error, please report it with the lines below")

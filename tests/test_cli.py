@@ -41,6 +41,9 @@ QUANTITIES = ["F", "F_r", "F_s", "F_n", "F_o", "M_s", "M_n", "M_o"]
 HULL = ["F_hull", "M_hull"]
 CHECKS = ["loop_pos", "loop_vel", "loop_acc", "balance"]
 NATIVE = ["a", "alpha"]
+COMMANDS = [
+    "run", "simulate", "bench", "stress", "nightly", "compare", "power", "audit", "models", "scenes", "engines",
+]  # fmt: skip
 ROUTES = {
     "analytic": ("closed_form",),
     "dart": ("kkt", "native"),
@@ -134,7 +137,12 @@ def test_a_run_of_every_engine_agrees(full: Run) -> None:
     assert full.done.status == (3 if MISSING else 0), full.done.err
     assert ("not all agree" if MISSING else "all agree") in full.done.out
     assert "Traceback" not in full.done.out + full.done.err
-    assert {entry.name for entry in full.folder.iterdir()} == {"agreement.csv", "samples.csv", "run.json"}
+    assert {entry.name for entry in full.folder.iterdir()} == {
+        "agreement.csv",
+        "margins.csv",
+        "samples.csv",
+        "run.json",
+    }
     assert {entry.name for entry in full.folder.parent.iterdir()} == {"results"}
 
 
@@ -242,7 +250,7 @@ def test_run_json_tells_versions_machine_seed_command_and_hashes(full: Run) -> N
     info = full.info
     assert set(info) == {
         "run_id", "started", "seconds", "command", "versions", "machine", "scene", "trajectory", "truth", "models",
-        "failed", "status",
+        "failed", "crashed", "status",
     }  # fmt: skip
     assert {info["run_id"]} == set(full.agreement["run_id"])
     assert info["command"][1:] == ["run", "--samples", "3", "--out", "results"]
@@ -447,7 +455,7 @@ def test_engines_lists_every_engine_with_route_and_version(command: Command) -> 
         assert "missing" in row if name in MISSING else re.search(r"\d+\.\d+", row)
 
 
-@pytest.mark.parametrize("name", ["run", "simulate", "bench", "stress", "audit", "models", "scenes", "engines"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_with_an_example(command: Command, name: str) -> None:
     status, out, err = command(name, "--help")
     assert (status, err) == (0, "")
@@ -458,23 +466,11 @@ def test_every_command_has_help_with_an_example(command: Command, name: str) -> 
 def test_help_names_every_command(command: Command, args: tuple[str, ...]) -> None:
     status, out, _ = command(*args)
     assert status == 0
-    assert all(
-        re.search(rf"^\W*{name} ", out, flags=re.M)
-        for name in ("run", "simulate", "bench", "stress", "audit", "models", "scenes", "engines")
-    )
+    assert all(re.search(rf"^\W*{name} ", out, flags=re.M) for name in COMMANDS)
 
 
 def test_the_help_test_covers_every_command() -> None:
-    assert {c.callback.__name__ for c in cli.app.registered_commands if c.callback} == {
-        "run",
-        "simulate",
-        "bench",
-        "stress",
-        "audit",
-        "models",
-        "scenes",
-        "engines",
-    }
+    assert {c.callback.__name__ for c in cli.app.registered_commands if c.callback} == set(COMMANDS)
 
 
 def test_a_reader_that_has_gone_is_no_error(tmp_path: Path) -> None:
@@ -490,6 +486,13 @@ def test_a_reader_that_has_gone_is_no_error(tmp_path: Path) -> None:
     assert (process.wait(timeout=60), err) == (0, "")
 
 
+def test_a_command_without_descriptors_says_so(tmp_path: Path) -> None:
+    command = f"ulimit -n 12; exec {CROSSCHECK} run --engine analytic --samples 1"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (4, "crosscheck: cannot go on: Too many open files\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_broken_installation_is_no_disagreement(tmp_path: Path) -> None:
     (tmp_path / "pebble.py").write_text("raise ImportError('broken')")
     done = subprocess.run(
@@ -501,6 +504,19 @@ def test_a_broken_installation_is_no_disagreement(tmp_path: Path) -> None:
     )
     assert done.returncode == 4
     assert done.stderr == "crosscheck: internal error, broken installation: ImportError: broken\n"
+
+
+def test_margins_are_those_of_the_rows_of_agreement(full: Run) -> None:
+    margins = pd.read_csv(full.folder / "margins.csv", keep_default_na=False)
+    shared = ["engine", "route", "quantity", "verdict"]
+    assert margins[shared].equals(full.agreement[shared])
+    ran = full.agreement["verdict"] != "error"
+    assert (pd.to_numeric(margins["margin"][ran]) <= 1.0).all()
+    assert margins["where"][ran].str.contains(", t = ").all()
+    row = full.agreement[["engine", "quantity"]].eq(["analytic", "F"]).all(axis=1)
+    error, scale, tolerance = full.agreement.loc[row, ["max_abs", "scale", "tolerance"]].astype(float).to_numpy()[0]
+    # a well-conditioned machine has one tolerance at all samples
+    assert float(margins.loc[row, "margin"].iloc[0]) == pytest.approx(error / (scale * tolerance), rel=1e-12)
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

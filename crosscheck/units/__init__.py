@@ -1,0 +1,1 @@
+"""Kinds of units of a night, one file each."""
