@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from test_supervise import processes_with
 
 from stewart_crosscheck.analytic import stewart
 from stewart_crosscheck.crosscheck import processes, ranges
@@ -352,16 +353,6 @@ def test_processes_that_only_just_start_do_not_hear_an_interrupt(tmp_path: Path)
     assert (running.returncode, err) == (130, "crosscheck: interrupted; nothing was written\n")
 
 
-def _processes_with(mark: str) -> list[str]:
-    """Processes whose environment has it."""
-    found = []
-    for environ in Path("/proc").glob("[0-9]*/environ"):
-        with contextlib.suppress(OSError):
-            if mark.encode() in environ.read_bytes():
-                found.append(environ.parent.name)
-    return found
-
-
 @pytest.mark.usefixtures("plugins")
 def test_a_command_that_is_killed_takes_its_engines_along(tmp_path: Path) -> None:
     mark = f"MARK={secrets.token_hex(16)}"
@@ -375,13 +366,13 @@ def test_a_command_that_is_killed_takes_its_engines_along(tmp_path: Path) -> Non
     )
     assert running.stderr is not None
     assert running.stderr.readline().startswith("reference certified done")  # while one hangs
-    assert len(_processes_with(mark)) >= 3
+    assert len(processes_with(mark)) >= 3
     running.kill()
     running.communicate(timeout=60)
     deadline = time.monotonic() + 60  # the engine would sleep ten times that
-    while _processes_with(mark) and time.monotonic() < deadline:
+    while processes_with(mark) and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not _processes_with(mark)
+    assert not processes_with(mark)
 
 
 def test_a_process_whose_parent_is_gone_before_it_starts_ends_too() -> None:
