@@ -43,25 +43,28 @@ def supervise(arguments: Sequence[str], log: Path, seconds: float, memory: int) 
     temporary.mkdir()
     limits = (sys.executable, "-I", "-S", limited.__file__, str(memory), str(os.getpid()))
     start = perf_counter()
-    with open(log, "wb") as file:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, limited.INTERRUPTS)  # until there is something to end
-        process = subprocess.Popen(
-            [*limits, *PROGRAM, *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=file,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env=os.environ | {"TMPDIR": str(temporary)},
-        )
+    with contextlib.ExitStack() as ended, open(log, "wb") as file:
+        ended.callback(shutil.rmtree, temporary, ignore_errors=True)
+        with limited.held(*limited.INTERRUPTS):  # until there is something to end
+            process = subprocess.Popen(
+                [*limits, *PROGRAM, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=os.environ | {"TMPDIR": str(temporary)},
+            )
+            ended.callback(_end, process)
         try:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             status = process.wait(seconds)
             how, reason = (ENDED, "") if status >= 0 else (CRASHED, death(status, str(log)))
         except subprocess.TimeoutExpired:
             how, status, reason = LATE, 0, f"no answer within {seconds:.0f} s"
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-            shutil.rmtree(temporary, ignore_errors=True)
     return Outcome(how, status, perf_counter() - start, reason)
+
+
+def _end(process: subprocess.Popen) -> None:
+    """Kill what is left of a session."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

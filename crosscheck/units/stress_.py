@@ -28,7 +28,7 @@ ROUNDING = 10.0
 """Input sensitivities: exact methods were measured at a third of one in the median, and at 35 at most."""
 
 ERROR, REFUSALS = "error / sensitivity", "refusals"
-"""The largest error over the input sensitivity where there was an answer, and at how many values there was none."""
+"""The error over the input sensitivity of the worst answer, and at how many values there was none."""
 
 HALF = 0.5
 """Of a refusal: a first one counts as twice as many."""
